@@ -135,7 +135,8 @@ def _drive(m: mujoco.MjModel, k: int, joints: Sequence[str], place: object) -> D
         lag = 0.0
     elif gain == mujoco.mjtGain.mjGAIN_FIXED and dynamics in (int(mujoco.mjtDyn.mjDYN_NONE), *filters):
         has_bias = m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-        law = (float(m.actuator_gainprm[k, 0]), *(m.actuator_biasprm[k, :3] * has_bias).tolist())
+        bias = (m.actuator_biasprm[k, :3] * has_bias).tolist()
+        law = (float(m.actuator_gainprm[k, 0]), bias[0], bias[1], bias[2])
         lag = float(m.actuator_dynprm[k, 0]) if dynamics in filters else 0.0
     else:
         rule = "general, motor, position, velocity, damper and dcmotor without dynamics but a filter are"
@@ -150,7 +151,10 @@ def _drive(m: mujoco.MjModel, k: int, joints: Sequence[str], place: object) -> D
         name,
         joints[int(m.actuator_trnid[k, 0])],
         float(m.actuator_gear[k, 0]),
-        *law,
+        law[0],
+        law[1],
+        law[2],
+        law[3],
         lag,
         limits(bool(m.actuator_ctrllimited[k]), m.actuator_ctrlrange[k]),
         limits(bool(m.actuator_forcelimited[k]), m.actuator_forcerange[k]),

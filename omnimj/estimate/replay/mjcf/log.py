@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +144,8 @@ def _width(places: Sequence[Array], period: float, noise: float) -> int:
         own = [p for p in places if len(p) > width]
         if not own:
             return 5
-        bends = np.concatenate([savgol_filter(p, width, 3, deriv=2, delta=period) for p in own])
+        parts: list[Any] = [savgol_filter(p, width, 3, deriv=2, delta=period) for p in own]
+        bends = np.concatenate(parts)
         scatter = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=2, delta=period)))
         if scatter < _CLEAR * float(np.sqrt(np.mean(bends**2))):
             break
@@ -152,10 +154,10 @@ def _width(places: Sequence[Array], period: float, noise: float) -> int:
 
 def _smoothed(
     stretch: _Stretch, parts: MeasuredParts, widths: Sequence[int], period: float, stride: int
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """Rows of one stretch by the names of `MachineLog`."""
     n, j = len(stretch.time), len(parts.joints)
-    found = {key: np.zeros((n, j)) for key in ("position", "speed", "acceleration", "inputs")}
+    found: dict[str, Any] = {key: np.zeros((n, j)) for key in ("position", "speed", "acceleration", "inputs")}
     found["velocity"] = np.full((n, j), np.nan)
     enabled, valid = np.ones((n, j), bool), np.ones((n, j), bool)
     for k, name in enumerate(parts.joints):
@@ -176,7 +178,7 @@ def _smoothed(
                 bad = bad | ~enabled[:, k]
         valid[:, k] = ~_near(bad, width)
         valid[: width // 2, k] = valid[n - width // 2 :, k] = False
-    sensors = [savgol_filter(stretch.columns[f"sensor:{s}"], widths[0], 3) for s in parts.sensors]
+    sensors: list[Any] = [savgol_filter(stretch.columns[f"sensor:{s}"], widths[0], 3) for s in parts.sensors]
     rows = slice(0, n, stride)
     whole = {key: values[rows] for key, values in found.items()}
     stacked = np.column_stack(sensors) if sensors else np.zeros((n, 0))
