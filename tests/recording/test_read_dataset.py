@@ -278,7 +278,7 @@ def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("toml", "expected"),
     [
-        ("", "dataset.toml: 'plant' is missing; a dataset has one; choices: linear_axis, quarter_rig"),
+        ("", "dataset.toml: 'plant' is missing; a dataset has one; choices: linear_axis, mjcf, quarter_rig"),
         ("plant", "dataset.toml: is not valid TOML; Expected '='"),
         ("plant = 3", "plant: unknown plant 3"),
         ('plant = "quarter_rigg"', "unknown plant 'quarter_rigg'; did you mean 'quarter_rig'?"),

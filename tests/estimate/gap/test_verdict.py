@@ -59,6 +59,8 @@ def test_without_rivals_there_is_no_experiment():
 
 def test_a_plant_reads_its_own_model_files_only():
     for name, plant in PLANTS.items():
+        if plant.model is None:
+            continue
         assert read_machine(name, None) == plant.read(None)
     with pytest.raises(InputError, match="plant: found 'quarter_rig'"):
         read_machine("uto_robot", read_machine("quarter_rig", None).file)

@@ -57,7 +57,7 @@ from omnimj.signals import Array
 WINDOW = 0.5
 """Length of a free window [s]."""
 _STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen evenly
-_MORE_EFFECTS = 2  # in a model, per further joint
+_MORE_EFFECTS = 2  # in a model, per joint
 _REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
@@ -97,7 +97,7 @@ class MachineReplay:
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
-        self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * (len(self.parts.joints) - 1)
+        self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * len(self.parts.joints)
         self.segments = self._segments()
         self.measured = self._measured()
         self.channels = self._channels()

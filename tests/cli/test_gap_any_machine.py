@@ -1,0 +1,50 @@
+"""The gap workflow on a machine that only its MJCF file describes."""
+
+import json
+
+import mujoco
+import pytest
+from servo_logs import SERVO, write_servo_logs
+
+from omnimj.cli.main import main
+from omnimj.estimate.replay.interface import Setting
+from omnimj.estimate.replay.mjcf.replay import MachineReplay
+from omnimj.plant.mujoco.machine import read_machine_file
+from omnimj.recording.read_dataset import read_dataset
+
+
+@pytest.mark.slow
+def test_hidden_friction_is_found_and_the_new_model_file_explains_the_logs(tmp_path, capsys):
+    data, out = tmp_path / "data", tmp_path / "out"
+    write_servo_logs(data, load_share=0.12)
+    assert main(["gap", str(data), "--model", str(SERVO), "--out", str(out)]) == 0
+    assert "load_friction (shaft)" in capsys.readouterr().out
+    found = json.loads((out / "gap.json").read_text())
+    assert found["model"] == "model.xml" and [e["effect"] for e in found["effects"]] == ["load_friction"]
+    share = found["effects"][0]["parameters"]["share"]
+    assert share["low"] < 0.12 < share["high"] and share["value"] == pytest.approx(0.12, rel=0.1)
+    assert mujoco.MjModel.from_xml_path(str(out / "model.xml")).njnt == 1
+    replay = MachineReplay(read_dataset(data), read_machine_file(out / "model.xml"))
+    (again,) = replay.simulate([Setting([b.nominal for b in replay.base])])
+    left = ((replay.measured - again) ** 2)[:, 0]
+    assert float(left[left == left].mean()) ** 0.5 < 1.15 * 0.0608
+
+
+@pytest.mark.slow
+def test_an_empty_machine_gets_no_name(tmp_path):
+    write_servo_logs(tmp_path / "data")
+    assert main(["gap", str(tmp_path / "data"), "--model", str(SERVO), "--out", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "gap.json").read_text())["verdict"] == "no_gap"
+
+
+def test_a_dataset_without_a_model_asks_for_its_file(tmp_path, capsys):
+    write_servo_logs(tmp_path / "data", runs=1)
+    assert main(["gap", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
+    assert "needs its MJCF file" in capsys.readouterr().err
+
+
+def test_a_dataset_names_its_model_beside_it(tmp_path):
+    write_servo_logs(tmp_path / "data", runs=1)
+    file = tmp_path / "data" / "dataset.toml"
+    file.write_text(f'model = "../servo.xml"\n{file.read_text()}')
+    assert read_dataset(tmp_path / "data").model == tmp_path / "data" / "../servo.xml"
