@@ -3,6 +3,7 @@
 import json
 
 import mujoco
+import numpy as np
 import pytest
 from servo_logs import SERVO, write_servo_logs
 
@@ -11,6 +12,8 @@ from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.read_dataset import read_dataset
+
+TRUTH = [0.012, 0.025, 0.52, 4.8, 0.0005]
 
 
 @pytest.mark.slow
@@ -24,10 +27,16 @@ def test_hidden_friction_is_found_and_the_new_model_file_explains_the_logs(tmp_p
     share = found["effects"][0]["parameters"]["share"]
     assert share["low"] < 0.12 < share["high"] and share["value"] == pytest.approx(0.12, rel=0.1)
     assert mujoco.MjModel.from_xml_path(str(out / "model.xml")).njnt == 1
-    replay = MachineReplay(read_dataset(data), read_machine_file(out / "model.xml"))
-    (again,) = replay.simulate([Setting([b.nominal for b in replay.base])])
-    left = ((replay.measured - again) ** 2)[:, 0]
-    assert float(left[left == left].mean()) ** 0.5 < 1.15 * 0.0608
+    new = voltage_mismatch(data, out / "model.xml", {})
+    true = voltage_mismatch(data, SERVO, {"load_friction (shaft)": np.array([0.12])}, TRUTH)
+    assert new < 1.15 * true
+
+
+def voltage_mismatch(data, file, effects, base=None):
+    replay = MachineReplay(read_dataset(data), read_machine_file(file))
+    base = [b.nominal for b in replay.base] if base is None else base
+    (found,) = replay.simulate([Setting(np.array(base), effects)])
+    return float(np.sqrt(np.nanmean((replay.measured - found)[:, 0] ** 2)))
 
 
 @pytest.mark.slow
