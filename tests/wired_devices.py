@@ -14,6 +14,7 @@ from typing import Any
 
 from omnimj.link.calibration import device_config, require_hardware
 from omnimj.link.codec.key import Key
+from omnimj.link.codec.layout import DropCounts
 from omnimj.link.codec.stream import PacketStream, stuff
 from omnimj.link.device.emulated import EmulatedDevice
 from omnimj.link.device.server import DeviceServer
@@ -49,7 +50,7 @@ class Terminal:
 
         tty.setraw(near)
         self._stream = PacketStream()
-        self.failures = 0
+        self.failures, self.drops, self.is_open = 0, self._stream.drops, True
 
     def send(self, packet: bytes) -> None:
         try:
@@ -179,6 +180,8 @@ class Waiting:
     world: World
     end: Any
     failures: int = 0
+    is_open: bool = True
+    drops: DropCounts = dataclasses.field(default_factory=DropCounts)
 
     def send(self, packet: bytes) -> None:
         self.end.send(packet)

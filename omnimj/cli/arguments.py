@@ -263,7 +263,7 @@ def add_wire(parser: argparse.ArgumentParser) -> None:
     add_key(parser)
     add_clock(parser)
     mode = parser.add_mutually_exclusive_group()
-    words = "with a wire: send nothing but hello and ping; the controller's commands are only logged"
+    words = "with a wire: send nothing, listen at the own address to what a device sends to its --monitor"
     mode.add_argument("--readonly", action="store_true", help=words)
     words = "with a wire: send zero commands and never arm; the controller's commands are only logged"
     mode.add_argument("--dry-run", action="store_true", help=words)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from omnimj.link.codec.key import Key
     from omnimj.link.device.emulated import EmulatedDevice, WiringDefect
     from omnimj.link.device.server import DeviceServer
-    from omnimj.link.transport.interface import Listener
+    from omnimj.link.transport.interface import Listener, Peer
     from omnimj.plant.interface import Plant
     from omnimj.simulate.scenario.scenario import Scenario
 
@@ -42,6 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--udp", metavar="HOST:PORT", help=words)
     words = "port to listen at; append ?baud=N where it has a baud rate"
     where.add_argument("--serial", metavar="DEVICE", help=words)
+    words = "address that gets a copy of all that is sent to the host, for run --readonly; with --udp"
+    parser.add_argument("--monitor", metavar="HOST:PORT", help=words)
     add_key(parser)
     add_clock(parser)
     words = f"scenario with the floor, patches and faults (default {DEFAULT}, which has no faults)"
@@ -67,6 +69,7 @@ def run(arguments: Any) -> int:
       InputError: A name is unknown, or the connection cannot be opened.
     """
     from omnimj.link.codec.key import read_key
+    from omnimj.link.device.server import DeviceServer
     from omnimj.simulate.plants import make_plant
     from omnimj.simulate.scenario.scenario import read_scenario
 
@@ -75,6 +78,7 @@ def run(arguments: Any) -> int:
     _require_robot(scenario, arguments.plant)
     defects = [_defect(text) for text in arguments.defect]
     key = None if arguments.key_file is None else read_key(arguments.key_file)
+    monitor = _monitor(arguments, key)
     listener = _listener(arguments, key)
     plant = None
     try:
@@ -83,7 +87,8 @@ def run(arguments: Any) -> int:
         emulated = _emulated(plant, scenario, arguments.lock_step, key, defects)
         _warm_up(plant)
         note_compiled(arguments.plant, scenario.plant)
-        _serve(arguments, emulated, listener, key, scenario.name)
+        server = DeviceServer(emulated, listener, key=key, report=_report, monitor=monitor)
+        _serve(arguments, server, key is not None, scenario.name)
     finally:
         listener.close()
         if plant is not None:
@@ -121,6 +126,24 @@ def _defect(text: str) -> WiringDefect:
     if not math.isfinite(factor):
         raise InputError("--defect", f"found {text!r}", "the value must be a finite number")
     return WiringDefect(kind, place, factor)
+
+
+def _monitor(arguments: Any, key: Key | None) -> Peer:
+    """Address of the monitor; None without one.
+
+    Raises:
+      InputError: The device is on a serial line, or the address is wrong or beyond loopback without a key.
+    """
+    from omnimj.link.transport.address import SerialAddress, parse_address
+    from omnimj.link.transport.udp import resolve
+
+    if arguments.monitor is None:
+        return None
+    if arguments.udp is None:
+        raise InputError("--monitor", "found with --serial", "there a listener is wired to the line itself")
+    address = parse_address(f"udp:{arguments.monitor}", "--monitor")
+    assert not isinstance(address, SerialAddress)
+    return resolve(address, key is not None, passive=False)[1]
 
 
 def _listener(arguments: Any, key: Key | None) -> Listener:
@@ -170,16 +193,16 @@ def _warm_up(plant: Plant) -> None:
     plant.reset()
 
 
-def _serve(
-    arguments: Any, emulated: EmulatedDevice, listener: Listener, key: Key | None, scenario: str
-) -> None:
-    from omnimj.link.device.server import DeviceServer
+def _report(line: str) -> None:
+    print(line, flush=True)
 
-    server = DeviceServer(emulated, listener, key=key)
-    mode = "lock-step" if arguments.lock_step else f"real time, {1e3 * emulated.device.config.period:g} ms"
+
+def _serve(arguments: Any, server: DeviceServer, keyed: bool, scenario: str) -> None:
+    period = server.emulated.device.config.period
+    mode = "lock-step" if arguments.lock_step else f"real time, {1e3 * period:g} ms"
     where = f"udp:{arguments.udp}" if arguments.udp is not None else f"serial:{arguments.serial}"
     words = f"device ready at {where}, {scenario} on the {arguments.plant}, {mode}"
-    print(words + (", keyed" if key is not None else ""), flush=True)
+    _report(words + (", keyed" if keyed else ""))
     try:
         with _ended_by_signals():
             server.run(lambda: True)

@@ -147,8 +147,9 @@ class _Check:
             if not self._arguments.reset_fault:
                 self._link.stop(f"{words} is latched; --reset-fault resets it")
                 self._link.host.require_link()
-            self._link.reset_fault()
             self._add("latched fault", f"{words}, reset", None)
+        if self._link.is_latched:
+            self._link.reset()
         if self._arguments.current > limits.current:
             raise InputError(
                 "--current", f"found {self._arguments.current:g}", f"at most {limits.current:g} A"
@@ -173,6 +174,7 @@ class _Check:
             words = f"disarmed {1e3 * trip.after:.3g} ms after the stop was sent"
             self._add("stop", words, trip.after < TIME_TOLERANCE and not trip.flows)
             self._link.connect()
+            self._link.reset()
 
     def _silence(self) -> None:
         from omnimj.link.check.communication import TIME_TOLERANCE, check_watchdog, is_fault_latched
@@ -197,7 +199,7 @@ class _Check:
             latched,
         )
         self._link.connect()
-        self._link.reset_fault()
+        self._link.reset()
 
     def _wiring(self) -> None:
         from omnimj.link.check.motions import MotionSequence

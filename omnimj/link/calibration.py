@@ -14,7 +14,7 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.link.codec.messages import ChannelKind, Limits, Quantity, Raw
-from omnimj.link.device.config import DeviceConfig, WheelSpeedDecoder, short_hash
+from omnimj.link.device.config import CurrentDecoder, DeviceConfig, WheelSpeedDecoder, short_hash
 from omnimj.link.device.limits import round_to_float32
 from omnimj.parameters.hardware import Hardware, HardwareInput
 from omnimj.parameters.robot import Robot
@@ -213,6 +213,21 @@ def wheel_speed_decoder(hardware: Hardware) -> WheelSpeedDecoder:
     return speeds
 
 
+def motor_current_decoder(hardware: Hardware) -> CurrentDecoder:
+    """Function by which a device computes the currents of its amplifiers from raw readings, unfiltered."""
+    wheels = WheelMap.from_hardware(hardware)
+    inputs = {i.wheel: i for i in hardware.inputs if i.quantity == "current"}
+
+    def currents(raw: Sequence[float]) -> tuple[float, ...]:
+        found = [0.0] * len(wheels.channels)
+        for wheel, (channel, factor) in enumerate(zip(wheels.channels, wheels.factors, strict=True), start=1):
+            i = inputs[wheel]
+            found[channel] = factor * i.sign * i.gain * (raw[i.channel] - i.offset)
+        return tuple(found)
+
+    return currents
+
+
 def device_config(
     hardware: Hardware, period: float, *, lock_step: bool = False, keyed: bool = False
 ) -> DeviceConfig:
@@ -225,4 +240,5 @@ def device_config(
       keyed: Whether it accepts authentic frames only.
     """
     wheels, kinds, limits = len(hardware.outputs), channel_kinds(hardware), rounded_limits(hardware)
-    return DeviceConfig(wheels, period, kinds, limits, calibration_hash(hardware), lock_step, keyed)
+    calibration = calibration_hash(hardware)
+    return DeviceConfig(wheels, period, kinds, limits, calibration, lock_step, keyed, hardware.device)

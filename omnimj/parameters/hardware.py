@@ -110,6 +110,8 @@ class Hardware:
     """Outputs in the order of the wheels, length n."""
     provenance: Mapping[str, Provenance]
     """`hardware.inputs.current_1.gain` → unit and source."""
+    device: int = 0
+    """Identity of the robot's device, 64 bits; 0: any device is accepted."""
 
 
 def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware | None:
@@ -129,7 +131,7 @@ def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware 
     own, place = tree["hardware"], f"{path}: hardware"
     if not isinstance(own, Mapping):
         raise InputError(place, f"found {own!r}", "write tables [hardware.limits], [[hardware.inputs]], …")
-    _require_keys(place, own, ("limits", "inputs", "outputs"), ())
+    _require_keys(place, own, ("limits", "inputs", "outputs"), ("device",))
     provenance: dict[str, Provenance] = {}
     limits = read_table(HardwareLimits, own["limits"], lambda _: path, provenance, "hardware.limits")
     inputs = [
@@ -148,7 +150,16 @@ def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware 
     channels = [o.channel for o in outputs]
     _require_each_once(f"{place}.outputs", "channel", channels, range(wheels) if on_wire else None)
     ordered = tuple(sorted(inputs, key=lambda i: names.index(i.name)))
-    return Hardware(limits, ordered, tuple(sorted(outputs, key=lambda o: o.wheel)), provenance)
+    outputs.sort(key=lambda o: o.wheel)
+    return Hardware(limits, ordered, tuple(outputs), provenance, _identity(place, own))
+
+
+def _identity(place: str, own: Mapping[str, Any]) -> int:
+    """Identity of the device, written as 16 hexadecimal digits; 0 if there is none."""
+    found = own.get("device", "0" * 16)
+    if not isinstance(found, str) or len(found) != 16 or found.strip("0123456789abcdef"):
+        raise InputError(f"{place}.device", f"found {found!r}", "must be 16 hexadecimal digits, in quotes")
+    return int(found, 16)
 
 
 def _entries(place: str, own: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:

@@ -125,7 +125,7 @@ def test_keys_drive_the_robot_behind_a_wire_and_leave_it_stopped(tmp_path):
             if not (code == 1 and BUSY.search(screen)):
                 break
         driven = dict(zip(robot.truth_names, robot.truth(), strict=True))
-        link = open_link(address, ROBOT, mode=LinkMode.READONLY)
+        link = open_link(address, ROBOT, mode=LinkMode.DRY_RUN)
         link.connect()
         telemetry = link.reading.telemetry
         link.close()

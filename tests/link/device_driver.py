@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     ChannelKind,
     Command,
     Fault,
@@ -16,8 +17,10 @@ from omnimj.link.codec.messages import (
     Hello,
     Limits,
     Message,
+    Ping,
     Quantity,
     Raw,
+    Reset,
     Telemetry,
 )
 from omnimj.link.device.config import DeviceConfig, limits_hash
@@ -32,6 +35,7 @@ LIMITS = Limits(
     message_rate=4000.0,
     valid_for=0.25,
 )
+IDENTITY = 0xD0D0_CAFE_0000_0001
 PERIOD = 2.0**-10  # [s]: a power of two, so that sums of periods are exact
 CALIBRATION_HASH = 0x1234_5678_9ABC_DEF0
 CHANNELS = tuple(ChannelKind(Quantity.WHEEL_SPEED, wheel, Raw.VOLTS) for wheel in (1, 2, 3))
@@ -41,11 +45,14 @@ ZERO = (0.0, 0.0, 0.0)
 class DeviceDriver:
     """Talks to a device as its host does; every frame of the device is kept in `received`."""
 
-    def __init__(self, lock_step=False, keyed=False, limits=LIMITS, start=0.0, sessions=None):
+    def __init__(self, lock_step=False, keyed=False, limits=LIMITS, start=0.0, sessions=None, currents=None):
         self.keyed, self.now = keyed, start
         drawn = itertools.count(1001) if sessions is None else iter(sessions)
-        commissioned = DeviceConfig(3, PERIOD, CHANNELS, limits, CALIBRATION_HASH, lock_step, keyed)
-        self.device = Device(commissioned, lambda now, raw: tuple(raw), lambda: next(drawn), start)
+        commissioned = DeviceConfig(3, PERIOD, CHANNELS, limits, CALIBRATION_HASH, lock_step, keyed, IDENTITY)
+        speeds, secret = lambda now, raw: tuple(raw), bytes(range(32))
+        self.device = Device(
+            commissioned, speeds, lambda: next(drawn), start, currents=currents, secret=secret
+        )
         self.limits_hash = limits_hash(self.device.config.limits)
         self.sequence, self.session = 0, 0
         self.speeds, self.received = ZERO, []
@@ -56,21 +63,39 @@ class DeviceDriver:
         facts = {"session": self.session, "sequence": self.sequence, "time": 0, "authentic": self.keyed}
         return Frame(message, **{**facts, **header})
 
-    def give(self, message: Message, **header) -> tuple[Frame, ...]:
+    def give(self, message: Message, peer=b"", **header) -> tuple[Frame, ...]:
         """Sends; what the device answers."""
-        return self.deliver(self.frame(message, **header))
+        return self.deliver(self.frame(message, **header), peer)
 
-    def deliver(self, frame: Frame) -> tuple[Frame, ...]:
-        answer = self.device.on_frame(self.now, frame)
+    def deliver(self, frame: Frame, peer=b"") -> tuple[Frame, ...]:
+        answer = self.device.on_frame(self.now, frame, peer)
         self.received += answer
         return answer
 
-    def hello(self, nonce=7, **header) -> tuple[Frame, ...]:
-        answer = self.give(Hello(nonce), **{"session": 0, **header})
+    def ask(self, nonce=7, peer=b"", **header) -> Hello:
+        """The hello that returns the cookie of the challenge to a first one."""
+        (answer,) = self.give(Hello(nonce), peer, **{"session": 0, **header})
+        challenge = answer.message
+        assert isinstance(challenge, Challenge)
+        return Hello(nonce, challenge.cookie, challenge.device)
+
+    def hello(self, nonce=7, peer=b"", **header) -> tuple[Frame, ...]:
+        """Through the handshake; the answer to its second hello."""
+        return self.enter(self.ask(nonce, peer, **header), peer, **header)
+
+    def enter(self, hello: Hello, peer=b"", **header) -> tuple[Frame, ...]:
+        """A hello with a cookie, and the session that it begins."""
+        answer = self.give(hello, peer, **{"session": 0, **header})
         for frame in answer:
             if isinstance(frame.message, Capabilities):
                 self.session, self.sequence = frame.session, 0
         return answer
+
+    def begin(self, nonce=7) -> DeviceDriver:
+        """Through the handshake and the first frame of the session, after which telemetry comes."""
+        self.hello(nonce)
+        self.give(Ping(0))
+        return self
 
     def tick(self, speeds=None, periods=1) -> tuple[Frame, ...]:
         """So many periods later."""
@@ -80,21 +105,31 @@ class DeviceDriver:
             self.received += answer
         return answer
 
-    def command(self, currents=ZERO, valid_for=0.0625, brake=0, **header) -> tuple[Frame, ...]:
-        return self.give(Command(currents, valid_for, brake), **header)
+    @property
+    def newest(self) -> int:
+        """Sequence of the newest telemetry; 0: none."""
+        numbers = (f.sequence for f in reversed(self.received) if isinstance(f.message, Telemetry))
+        return next(numbers, 0)
+
+    def command(self, currents=ZERO, valid_for=0.0625, brake=0, telemetry=None, **header):
+        answered = self.newest if telemetry is None else telemetry
+        return self.give(Command(currents, valid_for, brake, answered), **header)
 
     def arm(self, **changed) -> tuple[Frame, ...]:
-        sequences = [f.sequence for f in self.received if isinstance(f.message, Telemetry)]
         facts = {
             "limits_hash": self.limits_hash,
             "calibration_hash": CALIBRATION_HASH,
-            "telemetry": sequences[-1] if sequences else 0,
+            "telemetry": self.newest,
         }
         return self.give(Arm(**{**facts, **changed}))
 
+    def reset(self) -> tuple[Frame, ...]:
+        """Reset what the newest telemetry shows."""
+        return self.give(Reset(self.newest))
+
     def armed(self) -> DeviceDriver:
         """Through hello, telemetry, zero command and arm."""
-        self.hello()
+        self.begin()
         self.tick()
         self.command()
         self.arm()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import struct
 from dataclasses import astuple
@@ -13,6 +14,7 @@ from omnimj.link.codec.layout import microseconds
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     ChannelKind,
     Command,
     Fault,
@@ -25,7 +27,7 @@ from omnimj.link.codec.messages import (
     Pong,
     Quantity,
     Raw,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -33,7 +35,7 @@ from omnimj.link.codec.messages import (
 )
 from omnimj.link.device.config import limits_hash
 
-SECRET = bytes(range(32))
+SECRET = hashlib.blake2s(b"the key of the golden frames").digest()
 KEY = Key(SECRET)
 LIMITS = Limits(1.5, 1000.0, 0.75, 0.5, 40.0, 2000.0, 0.25)
 CHANNELS = (
@@ -51,18 +53,20 @@ _VOLTS = (0.5, -1.25, 0.0, -0.0, 2.0, 2.5, -3.0, 0.1, 9.75, 0.0078125, 1e-20)
 
 GOLDEN: dict[str, Frame] = {
     "hello": Frame(Hello(0x1122334455667788), 0, 1, 5),
-    "hello of ones": Frame(Hello(2**64 - 1), 2**32 - 1, 2**32 - 1, 2**64 - 1),
+    "hello with a cookie": Frame(Hello(0x1122334455667788, 0x99AABBCCDDEEFF00, 0x0102030405060708), 0, 2, 6),
+    "challenge": Frame(Challenge(0x1122334455667788, 0x99AABBCCDDEEFF00, 0x0102030405060708), 0, 0, 7),
+    "hello of ones": Frame(Hello(2**64 - 1, 2**64 - 1, 2**64 - 1), 2**32 - 1, 2**32 - 1, 2**64 - 1),
     "capabilities of the robot": Frame(ROBOT, 0xC0FFEE01, 1, 1_000_000),
     "capabilities of 8 wheels": Frame(
         Capabilities(0, 0.002, True, 8, _MANY, LIMITS, 0, 2**64 - 1), 0xC0FFEE02, 1, 0
     ),
     "arm": Frame(Arm(limits_hash(LIMITS), CALIBRATION, 41), 0xC0FFEE01, 2, 1_000_500),
-    "command": Frame(Command((0.25, -0.5, 1.5, -1.5), 0.05), 0xC0FFEE01, 3, 1_001_000),
+    "command": Frame(Command((0.25, -0.5, 1.5, -1.5), 0.05, 0, 42), 0xC0FFEE01, 3, 1_001_000),
     "command of zero": Frame(Command((0.0, -0.0, 0.0, 0.0), 0.2), 0xC0FFEE01, 4, 1_002_000),
     "command that is not finite": Frame(
         Command((math.nan, math.inf, -math.inf, 3.4028234663852886e38), 0.0), 1, 5, 7
     ),
-    "command of one wheel, braked": Frame(Command((0.0,), 0.05, 1), 1, 6, 8),
+    "command of one wheel, braked": Frame(Command((0.0,), 0.05, 1, 2**32 - 1), 1, 6, 8),
     "command of 8 wheels, all braked": Frame(Command((0.125,) * 8, math.nan, 255), 1, 7, 9),
     "telemetry of the robot": Frame(
         Telemetry(3, 0.0006, Status.ARMED, FaultCode.NONE, 1, 2, (*_VOLTS, -4096), counts_mask(CHANNELS)),
@@ -77,8 +81,8 @@ GOLDEN: dict[str, Frame] = {
         Telemetry(
             2**32 - 1,
             4293.0,
-            Status(63),
-            FaultCode.BUSY,
+            Status(127),
+            FaultCode.CURRENT_DEVIATION,
             2**32 - 1,
             2**32 - 1,
             (math.nan, math.inf, *(i * 0.5 for i in range(14)), *(-(2**31) + i for i in range(16))),
@@ -97,7 +101,7 @@ GOLDEN: dict[str, Frame] = {
     "fault, not latched": Frame(
         Fault(FaultCode.ARM_LIMITS, 0, math.nan, 0.0, 0, False), 0xC0FFEE01, 44, 1_004_000
     ),
-    "reset-fault": Frame(ResetFault(), 0xC0FFEE01, 6, 1_005_000),
+    "reset": Frame(Reset(46), 0xC0FFEE01, 6, 1_005_000),
     "ping": Frame(Ping(0xFEDCBA9876543210), 0xC0FFEE01, 7, 1_006_000),
     "pong": Frame(Pong(0xFEDCBA9876543210), 0xC0FFEE01, 45, 1_006_250),
 }
@@ -110,7 +114,11 @@ def _bits(value: float) -> str:
 
 
 def _fields(message: object) -> list[str]:
-    if isinstance(message, Hello | Ping | Pong):
+    if isinstance(message, Hello | Challenge):
+        return [f"{number:016x}" for number in (message.nonce, message.cookie, message.device)]
+    if isinstance(message, Reset):
+        return [str(message.telemetry)]
+    if isinstance(message, Ping | Pong):
         return [f"{message.nonce:016x}"]
     if isinstance(message, Capabilities):
         limits = ",".join(_bits(number) for number in astuple(message.limits))
@@ -124,7 +132,7 @@ def _fields(message: object) -> list[str]:
         return [f"{message.limits_hash:016x}", f"{message.calibration_hash:016x}", str(message.telemetry)]
     if isinstance(message, Command):
         currents = ",".join(map(_bits, message.currents))
-        return [_bits(message.valid_for), str(message.brake), currents]
+        return [_bits(message.valid_for), str(message.brake), str(message.telemetry), currents]
     if isinstance(message, Telemetry):
         age = 0xFFFFFFFF if math.isinf(message.command_age) else microseconds(message.command_age)
         raw = ",".join(
@@ -182,7 +190,8 @@ def capabilities(draw: st.DrawFn) -> Capabilities:
 def commands(draw: st.DrawFn) -> Command:
     """Any, also such as no device takes."""
     currents = tuple(draw(st.lists(st.floats(width=32), min_size=1, max_size=8)))
-    return Command(currents, draw(st.floats(width=32)), draw(st.integers(0, 2 ** len(currents) - 1)))
+    brake = draw(st.integers(0, 2 ** len(currents) - 1))
+    return Command(currents, draw(st.floats(width=32)), brake, draw(_whole(32)))
 
 
 @st.composite
@@ -194,7 +203,7 @@ def telemetries(draw: st.DrawFn) -> Telemetry:
     return Telemetry(
         draw(_whole(32)),
         draw(st.one_of(st.just(math.inf), st.integers(0, 4_000_000_000).map(lambda us: us / 1e6))),
-        Status(draw(st.integers(0, 63))),
+        Status(draw(st.integers(0, 127))),
         draw(st.sampled_from(FaultCode)),
         draw(_whole(32)),
         draw(_whole(32)),
@@ -215,14 +224,15 @@ def messages() -> st.SearchStrategy:
         st.booleans(),
     )
     return st.one_of(
-        st.builds(Hello, _whole(64)),
+        st.builds(Hello, _whole(64), _whole(64), _whole(64)),
+        st.builds(Challenge, _whole(64), st.integers(1, 2**64 - 1), st.integers(1, 2**64 - 1)),
         capabilities(),
         st.builds(Arm, _whole(64), _whole(64), _whole(32)),
         commands(),
         telemetries(),
         st.just(Stop()),
         fault,
-        st.just(ResetFault()),
+        st.builds(Reset, _whole(32)),
         st.builds(Ping, _whole(64)),
         st.builds(Pong, _whole(64)),
     )

@@ -17,17 +17,19 @@ from dataclasses import dataclass, field
 
 from omnimj.link.codec.frames import decode, encode
 from omnimj.link.codec.key import KEY_SIZE, Key
-from omnimj.link.codec.layout import DropCounts, DropReason
+from omnimj.link.codec.layout import PROTOCOL, DropCounts, DropReason
 from omnimj.link.codec.messages import (
     Arm,
+    Challenge,
     Command,
     Fault,
     FaultCode,
     Frame,
     Hello,
     Message,
+    MessageType,
     Ping,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -101,15 +103,16 @@ class _FrameSource:
             raw = (*self._some(11), rng.getrandbits(31))
             return Telemetry(rng.getrandbits(32), 0.001, Status.ARMED, FaultCode.NONE, 0, 0, raw, 1 << 11)
         if kind < 0.9:
-            return Command(self._some(4), 0.0625, rng.getrandbits(4))
+            return Command(self._some(4), 0.0625, rng.getrandbits(4), rng.getrandbits(32))
         return rng.choice(
             (
-                Hello(rng.getrandbits(64)),
+                Hello(rng.getrandbits(64), rng.getrandbits(64), rng.getrandbits(64)),
+                Challenge(rng.getrandbits(64), 1 + rng.getrandbits(32), 1 + rng.getrandbits(32)),
                 Ping(rng.getrandbits(64)),
                 Arm(rng.getrandbits(64), rng.getrandbits(64), rng.getrandbits(32)),
                 Fault(FaultCode.HEATING, 2, 1.5, 0.5, rng.getrandbits(32), True),
                 Stop(),
-                ResetFault(),
+                Reset(rng.getrandbits(32)),
             )
         )
 
@@ -253,7 +256,7 @@ def _send_noise(rng: random.Random, judge: _AcceptanceChecker, size: int, keyed:
         datagram = block[at : at + rng.randint(0, 600)]
         at += len(datagram) + 1
         if keyed and rng.random() < 0.5 and len(datagram) > 24:
-            begin = bytes((1, 1 + datagram[1] % 10, 1, 0))
+            begin = bytes((PROTOCOL, 1 + datagram[1] % len(MessageType), 1, 0))
             datagram = begin + datagram[4:500]
             datagram += zlib.crc32(datagram).to_bytes(4, "little")
         judge.take_datagram(datagram)

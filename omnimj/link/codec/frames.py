@@ -16,7 +16,7 @@ from typing import Any
 from zlib import crc32
 
 from omnimj.errors import InputError
-from omnimj.link.codec.key import Key
+from omnimj.link.codec.key import FrameKey
 from omnimj.link.codec.layout import (
     CHECKSUM_SIZE,
     FLOAT32_OVERFLOW,
@@ -43,12 +43,12 @@ _CRC_RESIDUE = 0x2144DF1C  # CRC-32 of any content followed by its own CRC-32
 _FLOATS = tuple(struct.Struct(f"<{n}f") for n in range(MAX_CHANNELS + 1))
 
 
-def encode(frame: Frame, key: Key | None = None) -> bytes:
+def encode(frame: Frame, key: FrameKey | None = None) -> bytes:
     """Encode a frame as a packet; numbers beyond the range of float32 become infinite.
 
     Args:
       frame: Frame to send; `authentic` and `same_schema` concern received frames only.
-      key: Key of the link; the frame is tagged with it.
+      key: Key of the link or keys of its end; the frame is tagged with it.
 
     Raises:
       InputError: A number does not fit its field, or there are too many wheels or channels.
@@ -66,7 +66,7 @@ def encode(frame: Frame, key: Key | None = None) -> bytes:
     return content + crc32(content).to_bytes(CHECKSUM_SIZE, "little")
 
 
-def decode(packet: bytes, key: Key | None = None) -> Frame | DropReason:
+def decode(packet: bytes, key: FrameKey | None = None) -> Frame | DropReason:
     """Decode a packet to a frame, or to the reason to drop it; never raises, whatever the bytes.
 
     Without a key, tagged frames are dropped; with a key, frames with a wrong tag or none. A stop always
@@ -74,7 +74,7 @@ def decode(packet: bytes, key: Key | None = None) -> Frame | DropReason:
 
     Args:
       packet: Received bytes.
-      key: Key of the link.
+      key: Key of the link or keys of its end.
     """
     size = len(packet)
     if size < _MIN_SIZE:

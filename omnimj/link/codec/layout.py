@@ -17,6 +17,7 @@ from typing import Any
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     ChannelKind,
     Command,
     Fault,
@@ -27,13 +28,13 @@ from omnimj.link.codec.messages import (
     Pong,
     Quantity,
     Raw,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
 )
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Version of the frame layout."""
 MAX_FRAME_SIZE = 512
 """Longest frame with header and checksum, before byte stuffing [bytes]."""
@@ -219,11 +220,23 @@ def _telemetry_rule(record: Telemetry) -> tuple[str, str] | None:
     return f"{len(record.raw)} channels, counts {record.counts:#x}", "one bit per channel"
 
 
+def _challenge_rule(record: Challenge) -> tuple[str, str] | None:
+    if record.cookie != 0 and record.device != 0:
+        return None
+    return f"cookie {record.cookie:#x}, device {record.device:#x}", "neither may be 0"
+
+
+_ECHO = Field("telemetry", "u32", "sequence of the newest telemetry that the host has received")
+
 HEADER_FIELDS = (
-    Field("protocol", "u8", "1"),
+    Field("protocol", "u8", str(PROTOCOL)),
     Field("type", "u8", "section 2"),
     Field("flags", "u16", "bit 0: the frame has a tag; all other bits 0"),
-    Field("session", "u32", "chosen by the device; 0 in HELLO, and in a STOP outside any session"),
+    Field(
+        "session",
+        "u32",
+        "chosen by the device; 0 in HELLO, CHALLENGE, FAULT BUSY, and in a STOP outside any session",
+    ),
     Field("sequence", "u32", "frame number of the sender, increasing within a session, from 1"),
     Field("time_us", "u64", "sender's monotonic clock [µs]; the device's is simulated time in lock-step"),
     Field("schema", "u32", "section 1.5"),
@@ -231,7 +244,15 @@ HEADER_FIELDS = (
 HEADER = struct_of(HEADER_FIELDS)
 
 MESSAGES: dict[MessageType, Layout] = {
-    MessageType.HELLO: Layout(Hello, "host", (Field("nonce", "u64", "random; repeated in the answer"),)),
+    MessageType.HELLO: Layout(
+        Hello,
+        "host",
+        (
+            Field("nonce", "u64", "random; repeated in the answer"),
+            Field("cookie", "u64", "of the CHALLENGE; 0: none yet"),
+            Field("device", "u64", "identity in the CHALLENGE; 0: unknown"),
+        ),
+    ),
     MessageType.CAPABILITIES: Layout(
         Capabilities,
         "device",
@@ -296,14 +317,14 @@ MESSAGES: dict[MessageType, Layout] = {
         (
             Field("limits_hash", "u64", "as in the capabilities"),
             Field("calibration_hash", "u64", "calibration that the **host** uses"),
-            Field("telemetry", "u32", "sequence of the newest telemetry that the host has received"),
+            _ECHO,
         ),
     ),
     MessageType.COMMAND: Layout(
         Command,
         "host",
         (
-            Field("valid_for", "f32", "lifetime of the command, from its arrival [s]; usually 0.05"),
+            Field("valid_for", "f32", "lifetime of the command, section 4.4 [s]; usually 0.05"),
             Field(
                 "wheels",
                 "u8",
@@ -314,6 +335,7 @@ MESSAGES: dict[MessageType, Layout] = {
             ),
             Field("brake", "u8", "bit i−1: a relay shorts the motor of wheel i"),
             _RESERVED_16,
+            _ECHO,
         ),
         items=(Field("current", "f32", "current of wheel 1, 2, … [A], at the amplifier's own sign"),),
         count="wheels",
@@ -328,7 +350,7 @@ MESSAGES: dict[MessageType, Layout] = {
             Field(
                 "command_age_us",
                 "u32",
-                "time since that command arrived [µs]; 0xFFFFFFFF: none",
+                "age of that command, section 4.4 [µs]; 0xFFFFFFFF: none",
                 "command_age",
                 write=_write_age,
                 read=_read_age,
@@ -372,10 +394,24 @@ MESSAGES: dict[MessageType, Layout] = {
             Field("sequence", "u32", "sequence of the refused frame; 0: none"),
         ),
     ),
-    MessageType.RESET_FAULT: Layout(ResetFault, "host"),
+    MessageType.RESET: Layout(
+        Reset,
+        "host",
+        (Field("telemetry", "u32", "sequence of a telemetry sent since the newest stop and fault"),),
+    ),
     MessageType.PING: Layout(Ping, "host", (Field("nonce", "u64"),)),
     MessageType.PONG: Layout(
         Pong, "device", (Field("nonce", "u64", "nonce of the PING; the device's time is in the header"),)
+    ),
+    MessageType.CHALLENGE: Layout(
+        Challenge,
+        "device",
+        (
+            Field("nonce", "u64", "nonce of the HELLO"),
+            Field("cookie", "u64", "section 4.2; not 0"),
+            Field("device", "u64", "identity of the device, not 0"),
+        ),
+        rule=_challenge_rule,
     ),
 }
 
@@ -396,4 +432,4 @@ SCHEMA_TEXT = _schema_text()
 SCHEMA = zlib.crc32(SCHEMA_TEXT.encode("ascii"))
 """CRC-32 of `SCHEMA_TEXT`, part of every header."""
 SCHEMA_INDEPENDENT = frozenset(MessageType) - {MessageType.COMMAND, MessageType.TELEMETRY}
-"""Messages that keep their layout as long as `PROTOCOL` is 1, so that incompatible sides can detect it."""
+"""Messages that keep their layout as long as `PROTOCOL` does, so that incompatible sides can detect it."""

@@ -21,9 +21,10 @@ class MessageType(enum.IntEnum):
     TELEMETRY = 5
     STOP = 6
     FAULT = 7
-    RESET_FAULT = 8
+    RESET = 8
     PING = 9
     PONG = 10
+    CHALLENGE = 11
 
 
 class Quantity(enum.IntEnum):
@@ -55,13 +56,15 @@ class Status(enum.IntFlag):
 
     ARMED = 1
     FAULT = 2
-    """A fault is latched: no current flows until reset-fault and arm."""
+    """A fault is latched: no current flows until reset and arm."""
     LOCK_STEP = 4
     """The device's time advances by one period per command."""
     CURRENT_FLOWS = 8
     BRAKED = 16
     AUTHENTIC = 32
     """The link is keyed."""
+    STOPPED = 64
+    """A stop is latched: no current flows until reset and arm."""
 
 
 class FaultCode(enum.IntEnum):
@@ -94,13 +97,38 @@ class FaultCode(enum.IntEnum):
     """A wheel speed that a limit needs is not finite."""
     BUSY = 18
     """The device is armed by another host."""
+    STALE = 19
+    """A command or reset answers a telemetry that is too old or unknown; never latched."""
+    ARM_STOPPED = 20
+    """A latched stop must be reset before arming."""
+    BRAKE_AND_CURRENT = 21
+    """A command brakes a wheel and drives it, too."""
+    CURRENT_DEVIATION = 22
+    """A measured current does not follow its set value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Request of the host for a session; the answer carries the same nonce."""
+    """Request of the host for a session, first for a cookie and then with it."""
 
     nonce: int
+    """64 fresh random bits of the host, the same in both requests."""
+    cookie: int = 0
+    """Cookie of the challenge; 0 in the first request."""
+    device: int = 0
+    """Identity of the device in the challenge; 0 in the first request."""
+
+
+@dataclass(frozen=True, slots=True)
+class Challenge:
+    """Answer of the device to a hello without a valid cookie; the device keeps no state for it."""
+
+    nonce: int
+    """Nonce of the hello."""
+    cookie: int
+    """Nonce of the device, bound to the sender and nonce of the hello; not 0."""
+    device: int
+    """Identity of the device, not 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +168,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """Answer of the device to a hello: its configuration; begins the session named in the header."""
+    """Answer of the device to a hello with a valid cookie: its configuration, under the new session."""
 
     nonce: int
     """Nonce of the hello."""
@@ -167,14 +195,16 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Currents from the host, with a lifetime."""
+    """Currents from the host, with a lifetime that begins when the telemetry they answer was sent."""
 
     currents: tuple[float, ...]
     """Set values, shape (n,) [A]."""
     valid_for: float
-    """Lifetime from arrival on [s]."""
+    """Lifetime from the sending of that telemetry on; from arrival on in lock-step [s]."""
     brake: int = 0
     """Bit i−1: a relay shorts the motor of wheel i."""
+    telemetry: int = 0
+    """Sequence of the newest telemetry that the host has received; 0: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +214,7 @@ class Telemetry:
     acknowledged: int
     """Sequence of the newest accepted command; 0: none in this session."""
     command_age: float
-    """Time since the newest accepted command arrived [s]; infinite without one."""
+    """Age of the newest accepted command, as its lifetime counts [s]; infinite without one."""
     status: Status
     fault: FaultCode
     """Latched fault."""
@@ -200,7 +230,7 @@ class Telemetry:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Request for zero current and disarming at once; obeyed from any sender, in any session, at any time."""
+    """Request for zero current and disarming at once; obeyed from any sender at any time, and latched."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,8 +250,11 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
-class ResetFault:
-    """Request of the host to reset the latched fault, so that arming is possible again."""
+class Reset:
+    """Request of the host to reset the latched stop and fault, so that arming is possible again."""
+
+    telemetry: int
+    """Sequence of a telemetry sent since the newest stop and fault; an unseen one is not reset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +271,7 @@ class Pong:
     nonce: int
 
 
-Message = Hello | Capabilities | Arm | Command | Telemetry | Stop | Fault | ResetFault | Ping | Pong
+Message = Hello | Challenge | Capabilities | Arm | Command | Telemetry | Stop | Fault | Reset | Ping | Pong
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +280,7 @@ class Frame:
 
     message: Message
     session: int
-    """Session number chosen by the device, 32 bits; 0 in hello and in a stop outside any session."""
+    """Session number chosen by the device, 32 bits; 0 in hello, challenge, busy, a stop without session."""
     sequence: int
     """Frame number of the sender, 1, 2, … in each session, 32 bits."""
     time: int

@@ -59,6 +59,12 @@ class PacketStream:
         self._keep(last)
         return found
 
+    def skip(self) -> None:
+        """Forget the beginning of a packet that will not be completed; it counts as dropped."""
+        if self._rest:
+            self.drops.add(DropReason.TOO_SHORT)
+        self._rest, self._overlong = b"", False
+
     def _packet(self, piece: bytes) -> bytes | None:
         size = len(piece)
         if _MIN_STUFFED <= size <= _MAX_STUFFED:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from omnimj.errors import InputError
-from omnimj.link.calibration import device_config, wheel_speed_decoder
+from omnimj.link.calibration import device_config, motor_current_decoder, wheel_speed_decoder
 from omnimj.link.codec.messages import Frame
 from omnimj.link.device.state_machine import Device
 from omnimj.parameters.hardware import Hardware
@@ -56,7 +56,9 @@ class AnalogDevice:
             found = f"found a gain in {hardware.outputs[0].unit}"
             raise InputError("hardware.outputs", found, "an analog box needs V/A")
         self._box, self._outputs = box, hardware.outputs
-        self.device = Device(device_config(hardware, period), wheel_speed_decoder(hardware), new_session, now)
+        config, speeds = device_config(hardware, period), wheel_speed_decoder(hardware)
+        currents = motor_current_decoder(hardware)
+        self.device = Device(config, speeds, new_session, now, currents=currents)
         self._inputs = len(self.device.config.channels)
         self._write()
 

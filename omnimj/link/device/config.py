@@ -14,6 +14,9 @@ from omnimj.link.device.limits import round_to_float32
 WheelSpeedDecoder = Callable[[float, Sequence[float]], tuple[float, ...]]
 """Wheel speeds after the gear, shape (n,) [rad/s], from time [s] and raw readings; called once per tick."""
 
+CurrentDecoder = Callable[[Sequence[float]], tuple[float, ...]]
+"""Measured currents at the amplifiers' own signs, shape (n,) [A], from raw readings."""
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceConfig:
@@ -28,6 +31,8 @@ class DeviceConfig:
     lock_step: bool = False
     keyed: bool = False
     """True if frames without a valid tag are dropped, except stop."""
+    identity: int = 0
+    """Identity of the device, 64 bits; 0: drawn at power-up by a device, any for a host."""
 
 
 @dataclass(frozen=True, slots=True)

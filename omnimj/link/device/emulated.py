@@ -14,7 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.link.calibration import WheelMap, channel_kinds, device_config, wheel_speed_decoder
+from omnimj.link.calibration import (
+    WheelMap,
+    channel_kinds,
+    device_config,
+    motor_current_decoder,
+    wheel_speed_decoder,
+)
 from omnimj.link.codec.messages import Frame, Raw, Telemetry
 from omnimj.link.device.state_machine import Device
 from omnimj.parameters.hardware import Hardware
@@ -150,7 +156,8 @@ class EmulatedDevice:
             if defect.place not in places:
                 raise UnknownNameError("--defect", "place", defect.place, places)
         config = device_config(hardware, plant.period, lock_step=lock_step, keyed=keyed)
-        self.device = Device(config, wheel_speed_decoder(hardware), new_session, now)
+        currents = motor_current_decoder(hardware)
+        self.device = Device(config, wheel_speed_decoder(hardware), new_session, now, currents=currents)
         self._plant, self._encoder, self._wheels = (
             plant,
             RawEncoder(hardware, defects),
@@ -167,17 +174,18 @@ class EmulatedDevice:
             found = f"found {len(self._measured.current)} wheels"
             raise InputError("plant", found, f"the wiring is for {n}")
 
-    def on_frame(self, now: float, frame: Frame) -> tuple[Frame, ...]:
+    def on_frame(self, now: float, frame: Frame, peer: bytes = b"") -> tuple[Frame, ...]:
         """Process a frame and return the frames to send, as `Device.on_frame`.
 
         Args:
           now: Time [s]; ignored in lock-step, which has its own.
           frame: Received frame.
+          peer: Address of its sender.
         """
         if not self.device.config.lock_step:
-            return self._on_frame_in_real_time(now, frame)
-        answer = self.device.on_frame(self._time, frame)
-        if self.device.session != self._session:
+            return self._on_frame_in_real_time(now, frame, peer)
+        answer = self.device.on_frame(self._time, frame, peer)
+        if self.device.session not in (0, self._session):
             self._session = self.device.session
             self._begin_run()
             self._tick_device(self._time, 0.0)
@@ -185,9 +193,9 @@ class EmulatedDevice:
             answer += self._step(self._time + self._plant.period)
         return answer
 
-    def _on_frame_in_real_time(self, now: float, frame: Frame) -> tuple[Frame, ...]:
-        answer = self.device.on_frame(now, frame)
-        if self.device.session != self._session:
+    def _on_frame_in_real_time(self, now: float, frame: Frame, peer: bytes) -> tuple[Frame, ...]:
+        answer = self.device.on_frame(now, frame, peer)
+        if self.device.session not in (0, self._session):
             self._session, self._was_armed = self.device.session, False
             self._begin_run()
         if self.device.armed and not self._was_armed:

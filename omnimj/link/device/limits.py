@@ -19,6 +19,10 @@ from omnimj.link.codec.messages import Arm, Command, FaultCode, Limits
 BURST_DURATION = 0.05
 """Frames that may arrive at once, since links bunch them: the message rate over this time [s]."""
 
+CURRENT_TOLERANCE, CURRENT_SETTLING = 1.0 / 3.0, 0.5
+"""Allowed deviation of a measured current from its set value, as a share of the limit `current`, and time for
+which a larger one is allowed [s]: a current loop settles in milliseconds."""
+
 MAX_TELEMETRY_AGE = 0.020
 """Oldest telemetry that a host may refer to when it arms the device [s]."""
 
@@ -70,7 +74,9 @@ def round_to_float32(limits: Limits) -> Limits:
 def check_command(
     limits: Limits, period: float, before: AmplifierState, command: Command, now: float
 ) -> Refusal | None:
-    """First limit that a command violates, or None; in the order finite, valid_for, current, rate, heating.
+    """First limit that a command violates, or None.
+
+    The order is brake and current, finite, valid_for, current, rate, heating.
 
     Args:
       limits: Limits in float32.
@@ -79,6 +85,9 @@ def check_command(
       command: New command with as many currents as `before`.
       now: Time of its arrival [s].
     """
+    for wheel, current in enumerate(command.currents, start=1):
+        if current != 0.0 and command.brake >> (wheel - 1) & 1:
+            return Refusal(FaultCode.BRAKE_AND_CURRENT, wheel, current, 0.0)
     for wheel, current in enumerate(command.currents, start=1):
         if not math.isfinite(current):
             return Refusal(FaultCode.NOT_FINITE, wheel, current, limits.current)
@@ -152,6 +161,37 @@ def check_wheel_speeds(limits: Limits, speeds: tuple[float, ...]) -> Refusal | N
     return None
 
 
+def check_freshness(limits: Limits, command: Command, age: float) -> Refusal | None:
+    """Refusal if a command answers a telemetry that was sent longer ago than its valid_for.
+
+    Args:
+      limits: Limits in float32; their valid_for replaces one that is not allowed, which another rule refuses.
+      command: New command.
+      age: Age of the telemetry that it answers, infinite if unknown [s].
+    """
+    is_allowed = 0.0 < command.valid_for <= limits.valid_for
+    allowed = command.valid_for if is_allowed else limits.valid_for
+    return Refusal(FaultCode.STALE, 0, age, allowed) if age > allowed else None
+
+
+def deviates(limits: Limits, current: float, measured: float) -> bool:
+    """True if a measured current [A] is not that of its set value [A]; one that is not finite never is."""
+    return not abs(measured - current) <= CURRENT_TOLERANCE * limits.current
+
+
+def check_deviation(since: tuple[float, ...], now: float) -> Refusal | None:
+    """Refusal if a measured current has deviated from its set value for longer than it may.
+
+    Args:
+      since: Times since which the currents deviate, infinite for those that do not, shape (n,) [s].
+      now: Time [s].
+    """
+    for wheel, begin in enumerate(since, start=1):
+        if now - begin > CURRENT_SETTLING:
+            return Refusal(FaultCode.CURRENT_DEVIATION, wheel, now - begin, CURRENT_SETTLING)
+    return None
+
+
 def check_command_age(age: float, valid_for: float) -> Refusal | None:
     """Refusal if a command is older than its valid_for [s]."""
     return Refusal(FaultCode.COMMAND_TOO_OLD, 0, age, valid_for) if age > valid_for else None
@@ -176,6 +216,7 @@ def check_arming(
     arm: Arm,
     same_schema: bool,
     fault: FaultCode,
+    stopped: bool,
     hashes: tuple[int, int],
     command: Command,
     age: float,
@@ -187,15 +228,18 @@ def check_arming(
       arm: Request of the host.
       same_schema: Whether the host lays out every payload as the device does.
       fault: Latched fault.
+      stopped: Whether a stop is latched.
       hashes: The device's own hashes of limits and calibration.
       command: Newest command.
-      age: Age of that command [s].
+      age: Age of that command, as its lifetime counts [s].
       telemetry_age: Age of the telemetry that the host refers to [s].
     """
     if not same_schema:
         return Refusal(FaultCode.ARM_SCHEMA, 0, 0.0, 0.0)
     if fault is not FaultCode.NONE:
         return Refusal(FaultCode.ARM_FAULTY, 0, float(fault), 0.0)
+    if stopped:
+        return Refusal(FaultCode.ARM_STOPPED, 0, 0.0, 0.0)
     if arm.limits_hash != hashes[0]:
         return Refusal(FaultCode.ARM_LIMITS, 0, 0.0, 0.0)
     if arm.calibration_hash != hashes[1]:

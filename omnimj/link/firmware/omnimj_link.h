@@ -10,8 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define OMJ_PROTOCOL 1u
-#define OMJ_SCHEMA 0xD39125E3u
+#define OMJ_PROTOCOL 2u
+#define OMJ_SCHEMA 0x3ACCF070u
 #define OMJ_LONGEST_FRAME 512u
 #define OMJ_LONGEST_STUFFED (OMJ_LONGEST_FRAME + OMJ_LONGEST_FRAME / 254u + 1u)
 #define OMJ_MOST_WHEELS 8u
@@ -32,9 +32,10 @@ enum omj_type {
     OMJ_TELEMETRY = 5,
     OMJ_STOP = 6,
     OMJ_FAULT = 7,
-    OMJ_RESET_FAULT = 8,
+    OMJ_RESET = 8,
     OMJ_PING = 9,
-    OMJ_PONG = 10
+    OMJ_PONG = 10,
+    OMJ_CHALLENGE = 11
 };
 
 enum omj_quantity {
@@ -59,9 +60,10 @@ enum omj_status {
     OMJ_STATUS_LOCK_STEP = 4,
     OMJ_STATUS_CURRENT_FLOWS = 8,
     OMJ_STATUS_BRAKED = 16,
-    OMJ_STATUS_AUTHENTIC = 32
+    OMJ_STATUS_AUTHENTIC = 32,
+    OMJ_STATUS_STOPPED = 64
 };
-#define OMJ_STATUSES 64u
+#define OMJ_STATUSES 128u
 
 enum omj_fault_code {
     OMJ_FAULT_NONE = 0,
@@ -82,9 +84,13 @@ enum omj_fault_code {
     OMJ_FAULT_ARM_FAULTY = 15,
     OMJ_FAULT_MALFORMED = 16,
     OMJ_FAULT_SENSOR = 17,
-    OMJ_FAULT_BUSY = 18
+    OMJ_FAULT_BUSY = 18,
+    OMJ_FAULT_STALE = 19,
+    OMJ_FAULT_ARM_STOPPED = 20,
+    OMJ_FAULT_BRAKE_AND_CURRENT = 21,
+    OMJ_FAULT_CURRENT_DEVIATION = 22
 };
-#define OMJ_FAULT_CODES 19u
+#define OMJ_FAULT_CODES 23u
 
 /* Reason to drop a packet, in the order of the checks. */
 enum omj_drop {
@@ -121,6 +127,10 @@ typedef struct {
 } omj_capabilities;
 
 typedef struct {
+    uint64_t nonce, cookie, device;
+} omj_hello;
+
+typedef struct {
     uint64_t limits_hash, calibration_hash;
     uint32_t telemetry;
 } omj_arm;
@@ -128,6 +138,7 @@ typedef struct {
 typedef struct {
     float valid_for;
     uint8_t wheels, brake;
+    uint32_t telemetry; /* that it answers */
     float current[OMJ_MOST_WHEELS];
 } omj_command;
 
@@ -158,7 +169,9 @@ typedef struct {
     uint32_t session, sequence;
     uint64_t time_us;
     union {
-        uint64_t nonce; /* of hello, ping, pong */
+        uint64_t nonce;     /* of ping, pong */
+        uint32_t seen;      /* telemetry that a reset names */
+        omj_hello hello;    /* of hello, challenge */
         omj_capabilities capabilities;
         omj_arm arm;
         omj_command command;
@@ -329,6 +342,56 @@ static inline uint64_t omj_short_hash(const uint8_t *bytes, size_t size)
     return omj_get(digest, 8);
 }
 
+/* Key of a session, 32 bytes, from the key of the link and the HELLO that began it. */
+static inline void omj_session_key(uint8_t *to, const uint8_t *key, const omj_hello *hello)
+{
+    static const char label[17] = "omnimj session 2";
+    uint8_t content[40];
+    size_t i;
+    for (i = 0; i < 16u; i++) {
+        content[i] = (uint8_t)label[i];
+    }
+    omj_put(content + 16, hello->device, 8);
+    omj_put(content + 24, hello->nonce, 8);
+    omj_put(content + 32, hello->cookie, 8);
+    omj_blake2s(to, OMJ_KEY_SIZE, key, OMJ_KEY_SIZE, content, sizeof content);
+}
+
+/* Cookie for the sender of a HELLO, never 0. The secret has 32 random bytes drawn at power-up, `sessions` counts the
+ * sessions so far, `era` is a coarse time; the sender's address has at most 44 bytes, none on a serial line. */
+static inline uint64_t omj_cookie(const uint8_t *secret, uint64_t nonce, uint32_t sessions, uint64_t era,
+                                  const uint8_t *address, size_t address_size)
+{
+    uint8_t content[64], digest[8];
+    uint64_t cookie;
+    size_t i, size = 20;
+    omj_put(content, nonce, 8);
+    omj_put(content + 8, sessions, 4);
+    omj_put(content + 12, era, 8);
+    for (i = 0; i < address_size && size < sizeof content; i++) {
+        content[size++] = address[i];
+    }
+    omj_blake2s(digest, 8, secret, OMJ_KEY_SIZE, content, size);
+    cookie = omj_get(digest, 8);
+    return cookie ? cookie : 1u;
+}
+
+/* Fewer than 16 distinct bytes, or distinct differences of neighbours: no random key, which must not be used. */
+static inline int omj_is_weak_key(const uint8_t *key)
+{
+    size_t i, k, bytes = 0, steps = 0;
+    for (i = 0; i < OMJ_KEY_SIZE; i++) {
+        int new_byte = 1, new_step = i > 0;
+        for (k = 0; k < i; k++) {
+            new_byte &= key[k] != key[i];
+            new_step &= k == 0 || (uint8_t)(key[k] - key[k - 1]) != (uint8_t)(key[i] - key[i - 1]);
+        }
+        bytes += (size_t)new_byte;
+        steps += (size_t)new_step;
+    }
+    return bytes < 16u || steps < 16u;
+}
+
 static inline void omj_put_limits(uint8_t *to, const omj_limits *limits)
 {
     omj_put_float(to, limits->current);
@@ -453,10 +516,11 @@ static inline size_t omj_put_command(uint8_t *to, const omj_command *from)
     to[4] = from->wheels;
     to[5] = from->brake;
     omj_put(to + 6, 0, 2);
+    omj_put(to + 8, from->telemetry, 4);
     for (i = 0; i < from->wheels; i++) {
-        omj_put_float(to + 8 + 4 * i, from->current[i]);
+        omj_put_float(to + 12 + 4 * i, from->current[i]);
     }
-    return 8u + 4u * from->wheels;
+    return 12u + 4u * from->wheels;
 }
 
 static inline size_t omj_put_telemetry(uint8_t *to, const omj_telemetry *from)
@@ -502,10 +566,20 @@ static inline size_t omj_encode(const omj_frame *frame, const uint8_t *key, uint
     omj_put(to + 20, OMJ_SCHEMA, 4);
     switch (frame->type) {
     case OMJ_HELLO:
+    case OMJ_CHALLENGE:
+        omj_put(to + size, frame->of.hello.nonce, 8);
+        omj_put(to + size + 8, frame->of.hello.cookie, 8);
+        omj_put(to + size + 16, frame->of.hello.device, 8);
+        size += 24;
+        break;
     case OMJ_PING:
     case OMJ_PONG:
         omj_put(to + size, frame->of.nonce, 8);
         size += 8;
+        break;
+    case OMJ_RESET:
+        omj_put(to + size, frame->of.seen, 4);
+        size += 4;
         break;
     case OMJ_CAPABILITIES:
         if (frame->of.capabilities.channels > OMJ_MOST_CHANNELS) {
@@ -535,7 +609,6 @@ static inline size_t omj_encode(const omj_frame *frame, const uint8_t *key, uint
         size += omj_put_fault(to + size, &frame->of.fault);
         break;
     case OMJ_STOP:
-    case OMJ_RESET_FAULT:
         break;
     default:
         return 0;
@@ -587,7 +660,7 @@ static inline enum omj_drop omj_get_capabilities(const uint8_t *from, size_t siz
 static inline enum omj_drop omj_get_command(const uint8_t *from, size_t size, omj_command *to)
 {
     size_t i;
-    if (size < 8u || size != 8u + 4u * from[4]) {
+    if (size < 12u || size != 12u + 4u * from[4]) {
         return OMJ_LENGTH;
     }
     to->valid_for = omj_get_float(from);
@@ -597,8 +670,9 @@ static inline enum omj_drop omj_get_command(const uint8_t *from, size_t size, om
         ((unsigned)to->brake >> to->wheels) != 0) {
         return OMJ_VALUE;
     }
+    to->telemetry = (uint32_t)omj_get(from + 8, 4);
     for (i = 0; i < to->wheels; i++) {
-        to->current[i] = omj_get_float(from + 8 + 4 * i);
+        to->current[i] = omj_get_float(from + 12 + 4 * i);
     }
     return OMJ_RIGHT;
 }
@@ -646,6 +720,14 @@ static inline enum omj_drop omj_get_payload(const uint8_t *from, size_t size, om
 {
     switch (to->type) {
     case OMJ_HELLO:
+    case OMJ_CHALLENGE:
+        if (size != 24u) {
+            return OMJ_LENGTH;
+        }
+        to->of.hello.nonce = omj_get(from, 8);
+        to->of.hello.cookie = omj_get(from + 8, 8);
+        to->of.hello.device = omj_get(from + 16, 8);
+        return to->type == OMJ_HELLO || (to->of.hello.cookie && to->of.hello.device) ? OMJ_RIGHT : OMJ_VALUE;
     case OMJ_PING:
     case OMJ_PONG:
         if (size != 8u) {
@@ -669,7 +751,13 @@ static inline enum omj_drop omj_get_payload(const uint8_t *from, size_t size, om
         return omj_get_telemetry(from, size, &to->of.telemetry);
     case OMJ_FAULT:
         return omj_get_fault(from, size, &to->of.fault);
-    default: /* stop and reset-fault */
+    case OMJ_RESET:
+        if (size != 4u) {
+            return OMJ_LENGTH;
+        }
+        to->of.seen = (uint32_t)omj_get(from, 4);
+        return OMJ_RIGHT;
+    default: /* stop */
         return size == 0 ? OMJ_RIGHT : OMJ_LENGTH;
     }
 }
@@ -708,7 +796,7 @@ static inline enum omj_drop omj_decode(const uint8_t *packet, size_t size, const
         return OMJ_WRONG_PROTOCOL;
     }
     frame->type = packet[1];
-    if (frame->type < OMJ_HELLO || frame->type > OMJ_PONG) {
+    if (frame->type < OMJ_HELLO || frame->type > OMJ_CHALLENGE) {
         return OMJ_WRONG_TYPE;
     }
     flags = omj_get(packet + 2, 2);

@@ -109,12 +109,12 @@ class HardwarePlant:
         self._deadlines = Deadlines()
         self.link.connect()
         fault = self.link.reading.telemetry.fault
-        if fault and self._reset_fault:
-            self.link.reset_fault()
-        elif fault and self.link.mode is LinkMode.DRIVE:
+        if fault and not self._reset_fault and self._drives:
             name = fault.name.lower().replace("_", " ")
             self.link.stop(f"the device has latched {name}; --reset-fault resets it")
             self.link.host.require_link()
+        if self.link.is_latched and self._drives:
+            self.link.reset()  # a new run has been requested
         reading = self.link.arm() if self.is_lock_step else self.link.reading
         self._is_running = self.is_lock_step
         self._note(reading)
@@ -168,7 +168,7 @@ class HardwarePlant:
             received=link.received,
             resent=link.resent,
             lost=host.arrivals.total_lost,
-            dropped=link.drops.total + host.dropped,
+            dropped=link.dropped,
             device_dropped=0 if telemetry is None else telemetry.dropped,
             device_refused=0 if telemetry is None else telemetry.refused,
             round_trip=host.clock.round_trip if host.clock.known else None,
@@ -185,6 +185,8 @@ class HardwarePlant:
             return
         gc.collect()
         gc.freeze()  # keeps garbage collections short while the robot drives
+        if self.link.is_idle:
+            self.link.connect()  # the device may have ended a session that was silent for so long
         if self._drives:
             reading = self.link.arm()
         else:

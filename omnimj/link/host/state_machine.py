@@ -1,13 +1,15 @@
 """Host side of the link as a state machine without clock and wire.
 
 Motion takes three requests: hello, arm, command. A violation of any rule ends in `STOPPED` with its reason;
-all three must then be requested again.
+all three must then be requested again. The host believes nothing that cannot be: an acknowledgement of what
+it has not sent, a device armed without a request, time that runs backwards, or the answer of another device.
 """
 
 from __future__ import annotations
 
 import enum
 import math
+import struct
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,6 +18,7 @@ from omnimj.errors import LinkLost
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     Command,
     Fault,
     FaultCode,
@@ -24,7 +27,7 @@ from omnimj.link.codec.messages import (
     Message,
     Ping,
     Pong,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -42,6 +45,13 @@ COMMAND_VALIDITY = 0.050
 """Default lifetime of a command [s]."""
 STOP_REPEATS = 3
 """Number of copies in which a stop is sent."""
+MAX_REFUSALS, REFUSAL_WINDOW = 3, 1.0
+"""Number of transient refusals within this time at which the host stops [s]."""
+TRANSIENT = frozenset(
+    (FaultCode.STALE, FaultCode.NOT_ARMED, FaultCode.ARM_NOT_ZERO, FaultCode.ARM_STALE_TELEMETRY)
+)
+"""Refusals that a delayed or lost frame explains."""
+_CONNECTION = struct.Struct("<QQQ")
 _MAX_PENDING = 1024  # commands that wait for an acknowledgement
 
 
@@ -49,6 +59,7 @@ class HostState(enum.Enum):
     """State of the host; the values appear in messages."""
 
     IDLE = "no session has been requested"
+    LISTENING = "passive: only another host's session is heard"
     ASKING = "hello has been sent"
     CONNECTED = "the session stands"
     ARMING = "arm has been sent"
@@ -91,7 +102,8 @@ class Host:
         self.dropped = 0
         """Number of frames that were of another session, repeated, outdated or not authentic."""
         self._hashes = limits_hash(round_to_float32(expected.limits)), expected.calibration_hash
-        self._nonce = 0
+        self._nonce, self._cookie, self._device = 0, 0, 0
+        self._identity = expected.identity
         self._start_session(0)
 
     def _start_session(self, session: int) -> None:
@@ -103,9 +115,16 @@ class Host:
         self.capabilities: Capabilities | None = None
         """Capabilities of the device, once it has sent them."""
         self._layout = 0, 0
+        self._refusals: deque[float] = deque(maxlen=MAX_REFUSALS)
+        self._commanded = 0
+
+    @property
+    def connection(self) -> bytes:
+        """Device's identity, nonce and cookie of the present connection, from which its key is derived."""
+        return _CONNECTION.pack(self._device, self._nonce, self._cookie)
 
     def hello(self, now: float) -> Frame:
-        """Request a session; repeated requests without an answer carry the same nonce.
+        """Request a session; repeated requests carry the same nonce and the newest cookie.
 
         Raises:
           LinkLost: The device is being driven; it must be stopped first.
@@ -113,10 +132,15 @@ class Host:
         if self.state in _MOVING:
             raise LinkLost("the device is being driven: stop first")
         if self.state is not HostState.ASKING:
-            self._nonce = self._new_nonce()
+            self._nonce, self._cookie, self._device = self._new_nonce(), 0, 0
             self._start_session(0)
             self.state, self.reason, self.fault = HostState.ASKING, "", None
-        return self._frame(now, Hello(self._nonce))
+        return self._frame(now, Hello(self._nonce, self._cookie, self._device))
+
+    def listen(self) -> None:
+        """Listen to the session of another host, whose challenge and capabilities the device repeats."""
+        self._start_session(0)
+        self.state, self.reason, self.fault = HostState.LISTENING, "", None
 
     def ping(self, now: float) -> Frame:
         """Request the time of the device's clock."""
@@ -155,14 +179,22 @@ class Host:
         self._require(*_IN_SESSION)
         if self.state is not HostState.ARMED and (brake != 0 or any(current != 0.0 for current in currents)):
             raise LinkLost("the device is not armed")
-        frame = self._frame(now, Command(tuple(currents), valid_for, brake))
+        answered = 0 if self.reading is None else self.reading.sequence
+        frame = self._frame(now, Command(tuple(currents), valid_for, brake, answered))
+        self._commanded = frame.sequence
         self._pending.append((frame.sequence, now))
         return frame
 
-    def reset_fault(self, now: float) -> Frame:
-        """Reset the device's latched fault; it stays disarmed."""
+    def reset(self, now: float) -> Frame:
+        """Reset the device's latched stop and fault as the newest reading shows them; it stays disarmed.
+
+        Raises:
+          LinkLost: There is no session, or no telemetry yet.
+        """
         self._require(*_IN_SESSION)
-        return self._frame(now, ResetFault())
+        if self.reading is None:
+            raise LinkLost("there is no telemetry yet")
+        return self._frame(now, Reset(self.reading.sequence))
 
     def stop(self, now: float, reason: str = "stop was requested") -> tuple[Frame, ...]:
         """Stop: three copies of the frame; allowed at any time and repeatedly, the first reason is kept."""
@@ -180,10 +212,12 @@ class Host:
             raise LinkLost(self.reason)
 
     def on_frame(self, now: float, frame: Frame) -> tuple[Frame, ...]:
-        """Process a frame of the device and return the frames to send: a stop, or none."""
+        """Process a frame of the device and return the frames to send: a stop, a hello, or none."""
         message = frame.message
         if self.expected.keyed and not frame.authentic:
             self.dropped += 1
+        elif isinstance(message, Challenge):
+            return self._on_challenge(now, message)
         elif isinstance(message, Capabilities):
             return self._on_capabilities(now, frame, message)
         elif isinstance(message, Fault) and message.code is FaultCode.BUSY and frame.session == 0:
@@ -195,9 +229,7 @@ class Host:
         elif isinstance(message, Telemetry):
             return self._on_telemetry(now, frame, message)
         elif isinstance(message, Fault):
-            self.fault = message
-            if self.state in _MOVING:
-                return self.stop(now, format_fault(message))
+            return self._on_fault(now, message)
         elif isinstance(message, Pong):
             self.clock.answered(message.nonce, now, 1e-6 * frame.time)
         else:
@@ -222,28 +254,59 @@ class Host:
             return self.stop(now, f"a command has not been acknowledged for {waited:.1f} ms")
         return ()
 
+    def _on_challenge(self, now: float, found: Challenge) -> tuple[Frame, ...]:
+        """Return the cookie to the device, which must be the one that was met before."""
+        listens = self.state is HostState.LISTENING
+        if not listens and (self.state is not HostState.ASKING or found.nonce != self._nonce):
+            # a device repeats the challenge of the present session for passive listeners
+            is_own = (found.device, found.nonce, found.cookie) == (self._device, self._nonce, self._cookie)
+            self.dropped += not is_own
+            return ()
+        if self._identity not in (0, found.device):
+            reason = f"another device answers: {found.device:016x} instead of {self._identity:016x}"
+            return self.stop(now, reason)
+        self._nonce, self._cookie, self._device = found.nonce, found.cookie, found.device
+        return () if listens else (self.hello(now),)
+
+    def _on_fault(self, now: float, fault: Fault) -> tuple[Frame, ...]:
+        """Stop while moving, but not at once for a refusal that a late frame explains."""
+        self.fault = fault
+        if self.state not in _MOVING:
+            return ()
+        if fault.code in TRANSIENT and not fault.latched and not self.expected.lock_step:
+            self._refusals.append(now)
+            if len(self._refusals) < MAX_REFUSALS or now - self._refusals[0] > REFUSAL_WINDOW:
+                return ()
+        return self.stop(now, format_fault(fault))
+
     def _on_capabilities(self, now: float, frame: Frame, found: Capabilities) -> tuple[Frame, ...]:
-        if found.nonce != self._nonce or self.state in (HostState.IDLE, HostState.STOPPED):
+        heard = self.state is HostState.LISTENING and frame.session != self.session
+        is_foreign = found.nonce != self._nonce and self.state is not HostState.LISTENING
+        if is_foreign or self.state in (HostState.IDLE, HostState.STOPPED):
             self.dropped += 1
-        elif self.state is HostState.ASKING:
+        elif self.state is HostState.ASKING or heard:
             self._start_session(frame.session)
-            self.arrivals.take(frame.sequence)
+            self._identity = self._device
+            self.arrivals.newest = frame.sequence  # a listener may have joined late
             self.capabilities, self._layout = found, (len(found.channels), counts_mask(found.channels))
             mismatch = describe_mismatch(self.expected, found) if frame.session else "it gives no session"
             mismatch = mismatch if frame.same_schema else "its messages have another layout (schema)"
             if mismatch:
                 return self.stop(now, f"this is not the device that was expected: {mismatch}")
-            self.state = HostState.CONNECTED
+            self.state = HostState.LISTENING if heard else HostState.CONNECTED
         elif (frame.session, found) != (self.session, self.capabilities):
             return self.stop(now, "the device has begun another session: it has restarted")
         else:
-            self.arrivals.take(frame.sequence)  # answer to a repeated hello
+            self.arrivals.take(frame.sequence)  # repeated, for a hello or for passive listeners
         return ()
 
     def _on_telemetry(self, now: float, frame: Frame, telemetry: Telemetry) -> tuple[Frame, ...]:
         if (len(telemetry.raw), telemetry.counts) != self._layout:
             self.dropped += 1
             reason = "its telemetry has other channels than its capabilities"
+            return () if self.state is HostState.STOPPED else self.stop(now, reason)
+        if reason := self._disbelief(frame, telemetry):
+            self.dropped += 1
             return () if self.state is HostState.STOPPED else self.stop(now, reason)
         sampled = min(now, 1e-6 * frame.time - self.clock.offset) if self.clock.known else now
         if now - sampled > MAX_TELEMETRY_AGE and not self.expected.lock_step:
@@ -261,6 +324,16 @@ class Host:
         elif self.state is HostState.ARMED:
             return self.stop(now, "the device is no longer armed")
         return ()
+
+    def _disbelief(self, frame: Frame, telemetry: Telemetry) -> str:
+        """Reason why a telemetry cannot be true; empty text if it can."""
+        if telemetry.acknowledged > self._commanded and self.state is not HostState.LISTENING:
+            return "it acknowledges a command that was not sent"
+        if Status.ARMED in telemetry.status and self.state is HostState.CONNECTED:
+            return "it is armed without a request"
+        if self.reading is not None and frame.time < self.reading.time:
+            return "its time runs backwards"
+        return ""
 
     def _require(self, *states: HostState) -> None:
         self.require_link()

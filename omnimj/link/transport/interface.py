@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Protocol
 
+from omnimj.link.codec.layout import DropCounts
+
 Peer = Hashable
 """Sender of a packet on a wire with several far ends."""
 
@@ -16,7 +18,17 @@ class Transport(Protocol):
     """End of a wire with a single far end."""
 
     failures: int
-    """Number of failed transmissions and of packets dropped here."""
+    """Number of failed transmissions and receptions."""
+
+    @property
+    def drops(self) -> DropCounts:
+        """What arrived and is no packet: oversized datagrams, broken stuffing."""
+        ...
+
+    @property
+    def is_open(self) -> bool:
+        """False while the wire is gone, such as a serial port that was unplugged."""
+        ...
 
     def send(self, packet: bytes) -> None:
         """Send, or count a failure; never waits."""
@@ -40,7 +52,17 @@ class Listener(Protocol):
 
     @property
     def failures(self) -> int:
-        """Number of failed transmissions and of packets dropped here."""
+        """Number of failed transmissions and receptions."""
+        ...
+
+    @property
+    def drops(self) -> DropCounts:
+        """What arrived and is no packet: oversized datagrams, broken stuffing."""
+        ...
+
+    @property
+    def is_open(self) -> bool:
+        """False while the wire is gone, such as a serial port that was unplugged."""
         ...
 
     def send(self, packet: bytes, peer: Peer) -> None:
@@ -70,6 +92,16 @@ class SinglePeerListener:
     def failures(self) -> int:
         """Number of failures of the transport."""
         return self._transport.failures
+
+    @property
+    def drops(self) -> DropCounts:
+        """What arrived on the transport and is no packet."""
+        return self._transport.drops
+
+    @property
+    def is_open(self) -> bool:
+        """False while the wire is gone."""
+        return self._transport.is_open
 
     def send(self, packet: bytes, peer: Peer = None) -> None:
         """Send to the far end."""

@@ -1,7 +1,11 @@
-"""Serial port, USB or pseudo-terminal as a transport: stuffed packets ended by zeros, non-blocking."""
+"""Serial port, USB or pseudo-terminal as a transport: stuffed packets ended by zeros, non-blocking.
+
+A port that fails, such as an adapter that is unplugged, is closed and opened again when it is back.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import time
@@ -13,30 +17,36 @@ from omnimj.link.codec.layout import DropCounts
 from omnimj.link.codec.stream import DELIMITER, PacketStream, stuff
 from omnimj.link.transport.address import SerialAddress
 
+REOPEN_INTERVAL = 0.2
+"""Time between two attempts to open a port that is gone [s]."""
 _CHUNK = 4096  # bytes per call, so that noise on the line cannot delay the caller
 _POLL_INTERVAL = 0.0005  # [s] between polls where the system cannot wait for a port
+_ERRORS = (OSError, TypeError, ValueError)  # unplugged or closed; pyserial's own errors are OSErrors
 
 
 class SerialTransport:
     """End of a serial line; opens the port exclusively where the system can."""
 
-    def __init__(self, address: SerialAddress):
+    def __init__(self, address: SerialAddress, *, passive: bool = False):
         """Open the port and send a zero, which ends anything that was on the line before.
+
+        Args:
+          address: Port and rate.
+          passive: Whether to receive only; then not even the zero is sent.
 
         Raises:
           InputError: No such port, it is in use, or it does not support the rate.
         """
-        self.failures = 0
-        exclusive = True if os.name == "posix" else None
+        self.failures, self.is_open = 0, True
+        self._address, self._passive, self._is_closed = address, passive, False
+        self._stream, self._rest = PacketStream(), b""  # rest of a partly sent packet
+        self._next_attempt = 0.0
         try:
-            self._port = serial.Serial(
-                address.path, address.baud, timeout=0, write_timeout=0, exclusive=exclusive
-            )
-        except (OSError, ValueError, OverflowError) as error:  # pyserial's errors are OSErrors
+            self._port = self._opened()
+        except (OSError, ValueError, OverflowError) as error:
             raise InputError(address, f"cannot be opened ({error})") from None
-        self._stream = PacketStream()
-        self._rest = b""  # rest of a partly sent packet
-        self._write(DELIMITER)
+        if not passive:
+            self._write(DELIMITER)
 
     @property
     def drops(self) -> DropCounts:
@@ -47,7 +57,7 @@ class SerialTransport:
         """Send a packet; it is dropped if the port's buffer is full, since a late packet is useless."""
         self._send_rest()
         stuffed = stuff(packet)
-        sent = 0 if self._rest else self._write(stuffed)
+        sent = 0 if self._rest or self._passive else self._write(stuffed)
         if sent == 0:
             self.failures += 1
         else:
@@ -60,28 +70,34 @@ class SerialTransport:
 
     def _write(self, content: bytes) -> int:
         """Write and return the number of bytes written."""
+        if not self.is_open:
+            return 0
         try:
             # the library retries for ever on a port that would block
             if os.name == "posix" and not select.select([], [self._port], [], 0.0)[1]:
                 return 0
             return self._port.write(content) or 0
-        except (OSError, TypeError, ValueError):  # unplugged, or closed
+        except _ERRORS:
+            self._lose()
             return 0
 
     def receive(self) -> list[bytes]:
         """Packets that end in the received bytes, at most 4096 of them; checksums are not verified."""
+        if not self.is_open and not self._reopen():
+            return []
         try:
             self._send_rest()
             waiting = self._port.in_waiting
             chunk = self._port.read(min(waiting, _CHUNK)) if waiting else b""
-        except (OSError, TypeError, ValueError):
-            self.failures += 1
+        except _ERRORS:
+            self._lose()
             return []
         return self._stream.feed(chunk) if chunk else []
 
     def wait(self, longest: float) -> bool:
         """True if bytes arrive within this time [s]."""
-        if not self._port.is_open:
+        if not self.is_open:
+            time.sleep(0.0 if self._is_closed else min(max(0.0, longest), REOPEN_INTERVAL))
             return False
         try:
             if os.name == "posix":
@@ -90,10 +106,38 @@ class SerialTransport:
             while not self._port.in_waiting and time.monotonic() < until:
                 time.sleep(_POLL_INTERVAL)
             return bool(self._port.in_waiting)
-        except OSError:
-            self.failures += 1
+        except _ERRORS:
+            self._lose()
             return False
 
     def close(self) -> None:
-        """Close the port; may be called twice."""
+        """Close the port for good; may be called twice."""
+        self.is_open, self._is_closed = False, True
         self._port.close()
+
+    def _opened(self) -> serial.Serial:
+        exclusive = True if os.name == "posix" else None
+        address = self._address
+        return serial.Serial(address.path, address.baud, timeout=0, write_timeout=0, exclusive=exclusive)
+
+    def _lose(self) -> None:
+        """Close the port, which is gone; `receive` opens it again."""
+        self.failures += 1
+        self.is_open, self._rest = False, b""
+        self._stream.skip()  # a packet that was cut off ends nowhere
+        with contextlib.suppress(*_ERRORS):
+            self._port.close()
+
+    def _reopen(self) -> bool:
+        """Open a port that has come back, at most every `REOPEN_INTERVAL`; True if it is open."""
+        if self._is_closed or time.monotonic() < self._next_attempt:
+            return False
+        self._next_attempt = time.monotonic() + REOPEN_INTERVAL
+        try:
+            self._port = self._opened()
+        except (OSError, ValueError, OverflowError):
+            return False
+        self.is_open = True
+        if not self._passive:
+            self._write(DELIMITER)
+        return self.is_open

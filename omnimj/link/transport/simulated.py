@@ -7,6 +7,8 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
+from omnimj.link.codec.layout import DropCounts
+
 _MAX_IN_TRANSIT = 10_000
 _MAX_CAPTURED = 100_000
 
@@ -72,9 +74,9 @@ class SimulatedTransport:
     """End of the wire: a transport in the wire's simulated time."""
 
     def __init__(self, wire: SimulatedWire, outgoing: _Direction, incoming: _Direction):
-        self.failures = 0
+        self.failures, self.drops = 0, DropCounts()
+        self.is_open = True
         self._wire, self._outgoing, self._incoming = wire, outgoing, incoming
-        self._open = True
 
     @property
     def sent(self) -> tuple[tuple[float, bytes], ...]:
@@ -88,22 +90,22 @@ class SimulatedTransport:
 
     def send(self, packet: bytes) -> None:
         """Send at the wire's time."""
-        if self._open:
+        if self.is_open:
             self._outgoing.send(self._wire.now, packet)
         else:
             self.failures += 1
 
     def receive(self) -> list[bytes]:
         """Packets that have arrived by now, in the order of arrival."""
-        return self._incoming.arrived(self._wire.now) if self._open else []
+        return self._incoming.arrived(self._wire.now) if self.is_open else []
 
     def wait(self, longest: float) -> bool:
         """True if a packet has arrived by now; simulated time does not advance while waiting."""
-        return self._open and self._incoming.is_due(self._wire.now)
+        return self.is_open and self._incoming.is_due(self._wire.now)
 
     def close(self) -> None:
         """Stop sending and receiving; may be called twice."""
-        self._open = False
+        self.is_open = False
 
 
 class SimulatedWire:

@@ -9,7 +9,7 @@ import select
 import socket
 
 from omnimj.errors import InputError
-from omnimj.link.codec.layout import MAX_FRAME_SIZE
+from omnimj.link.codec.layout import MAX_FRAME_SIZE, DropCounts, DropReason
 from omnimj.link.transport.address import UdpAddress, is_loopback
 from omnimj.link.transport.interface import Peer
 
@@ -17,8 +17,8 @@ _MAX_DATAGRAMS = 64  # datagrams per call, so that a flood cannot delay the call
 _BUFFER = 2048
 
 
-def _resolved(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.AddressFamily, tuple]:
-    """Resolve the host name into address family and numeric address.
+def resolve(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.AddressFamily, tuple]:
+    """Resolve the host name into address family and numeric address, an own one if passive.
 
     Raises:
       InputError: Unknown host, or an address beyond loopback without a key.
@@ -38,7 +38,7 @@ class _Socket:
     """Non-blocking socket, common to both ends."""
 
     def __init__(self, family: socket.AddressFamily):
-        self.failures = 0
+        self.failures, self.drops = 0, DropCounts()
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
@@ -56,14 +56,19 @@ class _Socket:
                 failed = True
                 continue
             if len(packet) > MAX_FRAME_SIZE:
-                self.failures += 1
+                self.drops.add(DropReason.TOO_LONG)
             else:
                 found.append((packet, peer))
         return found
 
+    @property
+    def is_open(self) -> bool:
+        """False once the socket is closed; a network that is down is only silent."""
+        return self._socket.fileno() >= 0
+
     def wait(self, longest: float) -> bool:
         """True if a packet arrives within this time [s]."""
-        if self._socket.fileno() < 0:
+        if not self.is_open:
             return False
         return bool(select.select([self._socket], [], [], max(0.0, longest))[0])
 
@@ -85,7 +90,7 @@ class UdpTransport(_Socket):
         Raises:
           InputError: Unknown host, no route, or an address beyond loopback without a key.
         """
-        family, numeric = _resolved(address, keyed, passive=False)
+        family, numeric = resolve(address, keyed, passive=False)
         super().__init__(family)
         try:
             self._socket.connect(numeric)
@@ -118,7 +123,7 @@ class UdpListener(_Socket):
         Raises:
           InputError: The address is not available, or beyond loopback without a key.
         """
-        family, numeric = _resolved(address, keyed, passive=True)
+        family, numeric = resolve(address, keyed, passive=True)
         super().__init__(family)
         try:
             self._socket.bind(numeric)

@@ -50,7 +50,7 @@ def test_a_device_stops_without_its_host_and_stays_stopped(world):
     assert any(flows for _, flows in world.flowed), "or else nothing was tried"
     assert is_fault_latched(world.link)
     world.link.connect()
-    world.link.reset_fault()
+    world.link.reset()
     assert not is_fault_latched(world.link)
 
 

@@ -5,6 +5,9 @@
  *   cobs HEX          the bytes stuffed
  *   blake KEY N HEX   digest of N bytes
  *   crc HEX           checksum
+ *   session KEY HEX   key of the session of a HELLO with this payload
+ *   cookie KEY HEX    cookie for nonce u64, sessions u32, era u64 and an address, under a secret
+ *   weak KEY          1 if it is no random key
  * KEY is 64 or fewer digits, - where there is none; HEX is - where it is empty.
  */
 #include "omnimj_link.h"
@@ -106,8 +109,14 @@ static void tell(const omj_frame *f)
     } while (time);
     printf("%u %lu %lu %s", f->type, (unsigned long)f->session, (unsigned long)f->sequence, digits + at);
     printf(" %u %u", f->authentic, f->same_schema);
-    if (f->type == OMJ_HELLO || f->type == OMJ_PING || f->type == OMJ_PONG) {
+    if (f->type == OMJ_PING || f->type == OMJ_PONG) {
         long_hex(f->of.nonce);
+    } else if (f->type == OMJ_HELLO || f->type == OMJ_CHALLENGE) {
+        long_hex(f->of.hello.nonce);
+        long_hex(f->of.hello.cookie);
+        long_hex(f->of.hello.device);
+    } else if (f->type == OMJ_RESET) {
+        printf(" %lu", (unsigned long)f->of.seen);
     } else if (f->type == OMJ_CAPABILITIES) {
         tell_capabilities(&f->of.capabilities);
     } else if (f->type == OMJ_ARM) {
@@ -116,7 +125,7 @@ static void tell(const omj_frame *f)
         printf(" %lu", (unsigned long)f->of.arm.telemetry);
     } else if (f->type == OMJ_COMMAND) {
         tell_float(" ", f->of.command.valid_for);
-        printf(" %u ", f->of.command.brake);
+        printf(" %u %lu ", f->of.command.brake, (unsigned long)f->of.command.telemetry);
         for (i = 0; i < f->of.command.wheels; i++) {
             tell_float(i ? "," : "", f->of.command.current[i]);
         }
@@ -185,6 +194,25 @@ int main(void)
             omj_blake2s(digest, length, key, keyed, bytes, size);
             show(digest, length);
             printf("\n");
+        } else if (strcmp(word[0], "session") == 0 && scanf("%16385s %16385s", word[1], word[2]) == 2) {
+            omj_hello hello;
+            from_hex(word[1], key);
+            from_hex(word[2], bytes);
+            hello.nonce = omj_get(bytes, 8);
+            hello.cookie = omj_get(bytes + 8, 8);
+            hello.device = omj_get(bytes + 16, 8);
+            omj_session_key(digest, key, &hello);
+            show(digest, 32);
+            printf("\n");
+        } else if (strcmp(word[0], "cookie") == 0 && scanf("%16385s %16385s", word[1], word[2]) == 2) {
+            from_hex(word[1], key);
+            size = from_hex(word[2], bytes);
+            long_hex(omj_cookie(key, omj_get(bytes, 8), (uint32_t)omj_get(bytes + 8, 4), omj_get(bytes + 12, 8),
+                                bytes + 20, size - 20));
+            printf("\n");
+        } else if (strcmp(word[0], "weak") == 0 && scanf("%16385s", word[1]) == 1) {
+            from_hex(word[1], key);
+            printf("%d\n", omj_is_weak_key(key));
         } else if (strcmp(word[0], "crc") == 0 && scanf("%16385s", word[1]) == 1) {
             size = from_hex(word[1], bytes);
             printf("%08lx\n", (unsigned long)omj_crc32(bytes, size));

@@ -8,11 +8,11 @@ import os
 import pytest
 
 from omnimj.errors import InputError
-from omnimj.link.codec.key import Key, make_key_file, read_key
+from omnimj.link.codec.key import Key, SessionKeys, make_key_file, read_key
 from omnimj.link.codec.layout import DropReason
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="file modes are of POSIX")
-DIGITS = "0123456789abcdefABCDEF" + "42" * 21
+DIGITS = "0123456789abcdefABCDEF" + hashlib.blake2s(b"digits").hexdigest()[:42]
 
 
 @pytest.fixture
@@ -71,6 +71,43 @@ def test_what_is_no_plain_file_is_refused(tmp_path):
     for path in (tmp_path / "none", tmp_path, tmp_path / "pipe"):
         with pytest.raises(InputError, match="key file is needed"):
             read_key(path)
+
+
+@pytest.mark.parametrize(
+    "secret",
+    [
+        bytes(32),
+        b"\xff" * 32,
+        bytes(range(32)),
+        bytes(range(0, 256, 8)),
+        b"password" * 4,
+        b"0123456789abcdef" * 2,
+    ],
+)
+def test_a_key_that_is_zero_repeats_or_counts_is_refused_in_one_line(written, secret):
+    for make in (lambda: Key(secret), lambda: read_key(written(secret.hex()))):
+        with pytest.raises(InputError, match="too regular to be random") as caught:
+            make()
+        assert len(str(caught.value).splitlines()) == 1 and secret.hex() not in str(caught.value)
+
+
+def test_a_session_has_a_key_of_its_own_that_depends_on_device_and_nonces():
+    link, connection = Key(bytes.fromhex(DIGITS)), bytes(24)
+    connections = [connection, *(connection[:i] + b"\1" + connection[i + 1 :] for i in range(24))]
+    tags = {link.session_key(one).tag(b"content") for one in connections} | {link.tag(b"content")}
+    assert len(tags) == 26
+
+
+def test_frames_without_a_session_have_the_key_of_the_link_and_all_others_that_of_the_session():
+    link = Key(bytes.fromhex(DIGITS))
+    now = [b"a" * 24]
+    keys = SessionKeys(link, lambda: now[0])
+    outside, inside = bytes(40), b"\2\4\1\0\7" + bytes(35)
+    assert keys.tag(outside) == link.tag(outside)
+    first = keys.tag(inside)
+    assert first == link.session_key(now[0]).tag(inside) and keys.verify(inside, first) is None
+    now[0] = b"b" * 24
+    assert keys.verify(inside, first) is DropReason.TAG and keys.verify(outside, link.tag(outside)) is None
 
 
 def test_a_key_has_32_bytes():

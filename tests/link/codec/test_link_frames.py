@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sample_frames import GOLDEN, KEY, LIMITS, ROBOT, describe, frames
+from sample_frames import GOLDEN, KEY, LIMITS, ROBOT, SECRET, describe, frames
 
 from omnimj.bench.link import codec_times
 from omnimj.errors import InputError
@@ -31,7 +31,7 @@ from omnimj.link.codec.messages import (
     Telemetry,
 )
 
-OTHER_KEY = Key(bytes(32))
+OTHER_KEY = Key(SECRET[::-1])
 STOP = Frame(Stop(), 3, 4, 5)
 COMMAND = GOLDEN["command"]
 
@@ -115,6 +115,7 @@ def test_no_payload_raises_even_with_a_right_checksum(kind, payload, keyed):
 COMMAND_BYTES, STOP_BYTES = encode(COMMAND), encode(STOP)
 TELEMETRY_BYTES = encode(GOLDEN["telemetry of the robot"])
 CAPABILITIES_BYTES, FAULT_BYTES = encode(GOLDEN["capabilities of the robot"]), encode(GOLDEN["fault"])
+CHALLENGE_BYTES = encode(GOLDEN["challenge"])
 NAN_BYTES = 0x7FC00000
 
 
@@ -126,9 +127,9 @@ NAN_BYTES = 0x7FC00000
         (sealed(bytes(509)), DropReason.TOO_LONG),
         (sealed(bytes(508)), DropReason.PROTOCOL),
         (STOP_BYTES[:-1] + bytes([STOP_BYTES[-1] ^ 1]), DropReason.CHECKSUM),
-        (changed(STOP_BYTES, 0, 2), DropReason.PROTOCOL),
+        (changed(STOP_BYTES, 0, 1), DropReason.PROTOCOL),
         (changed(STOP_BYTES, 1, 0), DropReason.TYPE),
-        (changed(STOP_BYTES, 1, 11), DropReason.TYPE),
+        (changed(STOP_BYTES, 1, 12), DropReason.TYPE),
         (changed(STOP_BYTES, 2, 2), DropReason.FLAGS),
         (changed(STOP_BYTES, 3, 0x80), DropReason.FLAGS),
         (changed(STOP_BYTES, 2, 1), DropReason.LENGTH),  # says that it has a tag
@@ -136,13 +137,13 @@ NAN_BYTES = 0x7FC00000
         (changed(COMMAND_BYTES, 1, MessageType.STOP), DropReason.LENGTH),
         (changed(COMMAND_BYTES, 28, 3), DropReason.LENGTH),
         (changed(COMMAND_BYTES, 28, 5), DropReason.LENGTH),
-        (sealed(COMMAND_BYTES[:28] + b"\0\0\0\0"), DropReason.VALUE),  # no wheel
-        (sealed(COMMAND_BYTES[:28] + b"\x09\0\0\0" + bytes(36)), DropReason.VALUE),
+        (sealed(COMMAND_BYTES[:28] + bytes(8)), DropReason.VALUE),  # no wheel
+        (sealed(COMMAND_BYTES[:28] + b"\x09\0\0\0" + bytes(40)), DropReason.VALUE),
         (changed(COMMAND_BYTES, 29, 0x10), DropReason.VALUE),  # brakes wheel 5 of 4
         (changed(COMMAND_BYTES, 30, 1), DropReason.VALUE),
         (changed(COMMAND_BYTES, 20, 0, 4), DropReason.SCHEMA),
         (changed(TELEMETRY_BYTES, 20, 0, 4), DropReason.SCHEMA),
-        (changed(TELEMETRY_BYTES, 32, 64), DropReason.VALUE),  # status
+        (changed(TELEMETRY_BYTES, 32, 128), DropReason.VALUE),  # status
         (changed(TELEMETRY_BYTES, 34, len(FaultCode)), DropReason.VALUE),
         (changed(TELEMETRY_BYTES, 35, 11), DropReason.LENGTH),
         (changed(TELEMETRY_BYTES, 44, 1 << 12, 4), DropReason.VALUE),  # counts of channel 12 of 12
@@ -159,6 +160,8 @@ NAN_BYTES = 0x7FC00000
         (changed(CAPABILITIES_BYTES, 84, len(Quantity)), DropReason.VALUE),
         (changed(CAPABILITIES_BYTES, 86, 2), DropReason.VALUE),
         (changed(CAPABILITIES_BYTES, 87, 1), DropReason.VALUE),
+        (changed(CHALLENGE_BYTES, 32, 0, 8), DropReason.VALUE),  # cookie
+        (changed(CHALLENGE_BYTES, 40, 0, 8), DropReason.VALUE),  # identity
         (changed(FAULT_BYTES, 24, len(FaultCode)), DropReason.VALUE),
         (changed(FAULT_BYTES, 25, 9), DropReason.VALUE),
         (changed(FAULT_BYTES, 26, 2), DropReason.VALUE),

@@ -18,6 +18,7 @@ from sample_frames import KEY, SECRET, describe
 
 import omnimj.link
 from omnimj.link.codec.frames import decode
+from omnimj.link.codec.key import Key, is_weak
 from omnimj.link.codec.layout import (
     HEADER,
     MAX_CHANNELS,
@@ -60,12 +61,12 @@ def test_every_type_is_written_down():
 def test_golden_bytes_are_as_the_protocol_lists_them():
     """By hand from the tables: nothing of the codec is used."""
     (row,) = (r for r in WRITTEN["frames"] if r["name"] == "command" and not r["keyed"])
-    head = "0104000001eeffc00300000028460f0000000000" + SCHEMA.to_bytes(4, "little").hex()
-    payload = "cdcc4c3d040000000000803e000000bf0000c03f0000c0bf"
+    head = "0204000001eeffc00300000028460f0000000000" + SCHEMA.to_bytes(4, "little").hex()
+    payload = "cdcc4c3d040000002a0000000000803e000000bf0000c03f0000c0bf"
     content = bytes.fromhex(head + payload)
     assert row["packet"] == (content + zlib.crc32(content).to_bytes(4, "little")).hex()
     (row,) = (r for r in WRITTEN["frames"] if r["name"] == "command" and r["keyed"])
-    content = bytes.fromhex(head.replace("01040000", "01040100") + payload)
+    content = bytes.fromhex(head.replace("02040000", "02040100") + payload)
     content += hashlib.blake2s(content, key=SECRET, digest_size=16).digest()
     assert row["packet"] == (content + zlib.crc32(content).to_bytes(4, "little")).hex()
 
@@ -224,6 +225,16 @@ def _no_zeros(size: int) -> bytes:
 
 
 @needs_compiler
+def test_c_and_python_refuse_the_same_keys(in_c):
+    rng = random.Random(8)
+    keys = [SECRET, bytes(32), b"\xff" * 32, bytes(range(32)), bytes(range(0, 256, 8)), SECRET[:8] * 4]
+    keys += [bytes(rng.choices(range(20), k=32)) for _ in range(50)] + [rng.randbytes(32) for _ in range(50)]
+    answers = in_c([f"weak {key.hex()}" for key in keys])
+    assert answers == [str(int(is_weak(key))) for key in keys]
+    assert answers[:6] == ["0", "1", "1", "1", "1", "1"] and answers[-50:] == ["0"] * 50
+
+
+@needs_compiler
 def test_c_makes_the_hashes_that_python_makes(in_c):
     rng = random.Random(7)
     sizes = (0, 1, 3, 63, 64, 65, 127, 128, 129, 500)
@@ -235,5 +246,16 @@ def test_c_makes_the_hashes_that_python_makes(in_c):
                 requests.append(f"blake {key.hex() or '-'} {length} {content.hex() or '-'}")
                 expected.append(hashlib.blake2s(content, key=key, digest_size=length).hexdigest())
     assert in_c(requests) == expected
+    sessions = [rng.randbytes(24) for _ in range(20)]
+    made = in_c([f"session {SECRET.hex()} {hello.hex()}" for hello in sessions])
+    for hello, key in zip(sessions, made, strict=True):
+        connection = hello[16:] + hello[:16]
+        own = KEY.session_key(connection).tag(b"content")
+        assert Key(bytes.fromhex(key)).tag(b"content") == own
+    addresses = [rng.randbytes(20 + size) for size in (0, 6, 18, 44)]
+    cookies = in_c([f"cookie {SECRET.hex()} {content.hex()}" for content in addresses])
+    for content, cookie in zip(addresses, cookies, strict=True):
+        digest = hashlib.blake2s(content, key=SECRET, digest_size=8).digest()
+        assert int(cookie, 16) == int.from_bytes(digest, "little")
     sums = in_c([f"crc {content.hex() or '-'}" for content in contents])
     assert sums == [f"{zlib.crc32(content):08x}" for content in contents]

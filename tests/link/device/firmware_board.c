@@ -1,5 +1,6 @@
 /* A board for the firmware example: time, bytes and readings come from standard input, line by line.
  *
+ *   excess F  amplifier 1 carries so much more than its set value [A]
  *   speed F   wheel 1 turns so fast      bytes HEX   come on the line       turn US   time goes on, one turn
  * Each turn answers: bytes sent (or -), enable, current of wheel 1.
  */
@@ -11,7 +12,7 @@
 static uint64_t clock_us = 1000000u;
 static uint8_t coming[8192];
 static size_t begin, end;
-static float speed_1, current_1;
+static float speed_1, current_1, excess_1, applied[WHEELS];
 static int enabled;
 static char word[20000], digits[20000];
 static size_t sent;
@@ -24,7 +25,7 @@ uint32_t board_random(void)
     return state = state * 1664525u + 1013904223u;
 }
 
-void board_read(omj_reading *raw, float *speed)
+void board_read(omj_reading *raw, float *speed, float *current)
 {
     size_t i;
     for (i = 0; i < CHANNELS; i++) {
@@ -33,11 +34,13 @@ void board_read(omj_reading *raw, float *speed)
     raw[11].counts = -4096;
     for (i = 0; i < WHEELS; i++) {
         speed[i] = i ? 0.0f : speed_1;
+        current[i] = applied[i] + (i ? 0.0f : excess_1);
     }
 }
 
 void board_amplifiers(const float *current, uint8_t brake, int enable)
 {
+    memcpy(applied, current, sizeof applied);
     current_1 = current[0];
     enabled = enable && !brake;
 }
@@ -73,6 +76,8 @@ int main(void)
             } else if (sscanf(word, "%f", &speed_1) != 1) {
                 return 1;
             }
+        } else if (strcmp(word, "excess") == 0 && scanf("%f", &excess_1) == 1) {
+            continue;
         } else if (strcmp(word, "bytes") == 0 && scanf("%19999s", word) == 1) {
             begin = end = 0;
             for (i = 0; sscanf(word + 2 * i, "%2x", &value) == 1; i++) {

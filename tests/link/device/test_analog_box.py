@@ -8,7 +8,7 @@ import pytest
 
 from omnimj.errors import InputError
 from omnimj.link.calibration import require_hardware
-from omnimj.link.codec.messages import Arm, Command, FaultCode, Frame, Hello, Stop, Telemetry
+from omnimj.link.codec.messages import Arm, Command, FaultCode, Frame, Hello, Ping, Stop, Telemetry
 from omnimj.link.device.analog import AnalogDevice
 from omnimj.parameters import read_robot
 
@@ -37,7 +37,10 @@ class Session:
         sessions = itertools.count(5)
         self.analog = AnalogDevice(self.box, wiring, PERIOD, lambda: next(sessions))
         (answer,) = self.analog.on_frame(0.0, Frame(Hello(1), 0, 1, 0))
+        hello = Hello(1, answer.message.cookie, answer.message.device)
+        (answer,) = self.analog.on_frame(0.0, Frame(hello, 0, 2, 0))
         self.capabilities, self.session = answer.message, answer.session
+        self.give(Ping(0))
         (self.telemetry,) = self.tick()
         self.give(Command((0.0,) * 4, 0.05))
         capabilities = self.capabilities
@@ -46,11 +49,15 @@ class Session:
 
     def give(self, message):
         self.sequence += 1
+        if isinstance(message, Command):
+            message = dataclasses.replace(message, telemetry=self.newest)
         return self.analog.on_frame(self.now, Frame(message, self.session, self.sequence, 0))
 
     def tick(self):
         self.now += PERIOD
-        return self.analog.tick(self.now)
+        answer = self.analog.tick(self.now)
+        self.newest = answer[-1].sequence
+        return answer
 
 
 def test_at_first_the_outputs_are_at_zero():
@@ -78,7 +85,7 @@ def test_readings_travel_as_volts():
 
 def test_a_braked_wheel_gets_no_current_since_the_box_has_no_relays():
     session = Session()
-    session.give(Command((0.5, 0.5, 0.0, 0.0), 0.05, brake=1))
+    session.give(Command((0.0, 0.5, 0.0, 0.0), 0.05, brake=1))
     session.tick()
     assert session.box.outputs == [0.0, 1.0, 0.0, 0.0]
 

@@ -12,13 +12,14 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     Command,
     Fault,
     FaultCode,
     Hello,
     Ping,
     Pong,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -73,18 +74,21 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(nonce=st.integers(1, 3))
     def hello(self, nonce):
         self.send(Hello(nonce), session=0)
+        challenge = self.driver.received[-1].message
+        if isinstance(challenge, Challenge):
+            self.send(Hello(nonce, challenge.cookie, challenge.device), session=0)
 
     @rule()
     def arm_rightly(self):
-        sequences = [f.sequence for f in self.driver.received if isinstance(f.message, Telemetry)]
-        self.send(Arm(self.driver.limits_hash, CALIBRATION_HASH, sequences[-1] if sequences else 0))
+        self.send(Arm(self.driver.limits_hash, CALIBRATION_HASH, self.driver.newest))
 
     @rule()
     def drive_as_a_good_host_does(self):
         self.stop()
-        self.reset()
         self.hello(4)
+        self.ping(0)
         self.wait(1)
+        self.reset()
         self.zero()
         self.arm_rightly()
         self.command((0.25, 0.0, -0.25), 0)
@@ -97,23 +101,30 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule()
     def zero(self):
-        self.send(Command(ZERO, 0.0625))
+        self.send(Command(ZERO, 0.0625, 0, self.driver.newest))
 
     @rule(currents=st.tuples(QUIET, QUIET, QUIET), brake=st.sampled_from([0, 0, 0, 5]))
     def command(self, currents, brake):
-        self.send(Command(currents, 0.0625, brake))
+        self.send(Command(currents, 0.0625, brake, self.driver.newest))
 
     @rule(currents=st.tuples(CURRENTS, CURRENTS, CURRENTS), valid_for=VALID_FOR)
     def any_command(self, currents, valid_for):
-        self.send(Command(currents, valid_for))
+        self.send(Command(currents, valid_for, 0, self.driver.newest))
 
     @rule(currents=st.tuples(QUIET, QUIET, QUIET), shift=st.integers(-3, 0))
     def old_command(self, currents, shift):
-        self.send(Command(currents, 0.0625), sequence=max(0, self.driver.sequence + shift))
+        self.send(
+            Command(currents, 0.0625, 0, self.driver.newest), sequence=max(0, self.driver.sequence + shift)
+        )
+
+    @rule(currents=st.tuples(QUIET, QUIET, QUIET), back=st.integers(1, 300))
+    def late_command(self, currents, back):
+        """Answers a telemetry of long ago."""
+        self.send(Command(currents, 0.0625, 0, max(0, self.driver.newest - back)))
 
     @rule(currents=st.tuples(QUIET, QUIET, QUIET), session=st.integers(0, 2))
     def foreign_command(self, currents, session):
-        self.send(Command(currents, 0.0625), session=session)
+        self.send(Command(currents, 0.0625, 0, self.driver.newest), session=session)
 
     @precondition(lambda self: self.stored)
     @rule(back=st.integers(1, 12))
@@ -128,7 +139,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule()
     def reset(self):
-        self.send(ResetFault())
+        self.send(Reset(self.driver.newest))
 
     @rule(nonce=st.integers(0, 3))
     def ping(self, nonce):
@@ -162,8 +173,8 @@ class AnyOrder(RuleBasedStateMachine):
         output = self.device.output
         if output.currents == ZERO and output.brake == 0:
             return
-        assert self.device.armed and self.asked_to_arm
-        assert self.device.fault is FaultCode.NONE
+        assert self.device.armed and self.asked_to_arm and self.device.session
+        assert self.device.fault is FaultCode.NONE and not self.device.stopped
         assert self.last is not None
         assert all(abs(current) <= LIMITS.current for current in output.currents)
 
@@ -174,10 +185,17 @@ class AnyOrder(RuleBasedStateMachine):
             assert self.last is not None
             command, came = self.last
             assert self.driver.now - came <= command.valid_for
+            answered = next(f for f in self.driver.received if self.is_telemetry(f, command.telemetry))
+            assert self.driver.now - 1e-6 * answered.time <= command.valid_for + 1e-6
+
+    def is_telemetry(self, frame, sequence):
+        """Whether a frame is this telemetry of the present session."""
+        facts = frame.session, frame.sequence
+        return isinstance(frame.message, Telemetry) and facts == (self.device.session, sequence)
 
     @invariant()
     def a_latched_fault_means_no_current(self):
-        if self.device.fault is not FaultCode.NONE:
+        if self.device.fault is not FaultCode.NONE or self.device.stopped:
             assert not self.device.armed
             assert self.device.output.currents == ZERO and self.device.output.brake == 0
 
@@ -186,7 +204,7 @@ class AnyOrder(RuleBasedStateMachine):
         if self.driver.received and isinstance(self.driver.received[-1].message, Telemetry):
             status = self.driver.received[-1].message.status
             assert (Status.CURRENT_FLOWS in status) <= (Status.ARMED in status)
-            assert not (Status.FAULT in status and Status.ARMED in status)
+            assert not (status & (Status.FAULT | Status.STOPPED) and Status.ARMED in status)
 
 
 AnyOrder.TestCase.settings = settings(max_examples=150, stateful_step_count=50, deadline=None)

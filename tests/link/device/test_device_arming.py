@@ -19,7 +19,7 @@ from omnimj.link.codec.messages import (
     Pong,
     Quantity,
     Raw,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -37,7 +37,7 @@ def test_a_device_without_a_session_sends_nothing_and_moves_nothing():
     assert driver.device.dropped == 3
     assert driver.device.output.currents == ZERO
     assert driver.device.session == 0
-    driver.hello()
+    driver.begin()
     assert driver.device.dropped == 3
     driver.tick()
     assert (driver.telemetry.acknowledged, driver.telemetry.command_age) == (0, math.inf)
@@ -57,7 +57,8 @@ def test_hello_is_answered_by_what_the_device_is_under_a_fresh_session():
 
 def test_a_hello_that_is_repeated_because_its_answer_was_lost_gets_the_same_session():
     driver = DeviceDriver()
-    first, second = driver.hello(), driver.hello()
+    hello = driver.ask()
+    first, second = driver.enter(hello), driver.enter(hello)
     assert first[0].session == second[0].session == 1001
     assert second[0].sequence == 2
     assert driver.hello(nonce=8)[0].session == 1002
@@ -76,19 +77,19 @@ def test_the_very_first_hello_begins_a_session_whatever_its_nonce():
 
 def test_arming_takes_a_zero_command_and_fresh_telemetry():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick()
     assert driver.command() == ()
     assert driver.arm() == ()
     assert driver.device.armed
     driver.tick()
     assert driver.telemetry.status == Status.ARMED
-    assert (driver.telemetry.acknowledged, driver.telemetry.command_age) == (1, PERIOD)
+    assert (driver.telemetry.acknowledged, driver.telemetry.command_age) == (2, PERIOD)
 
 
 def test_without_any_command_the_device_is_not_armed():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick()
     assert codes(driver.arm()) == [FaultCode.ARM_NOT_ZERO]
     assert not driver.device.armed
@@ -99,7 +100,8 @@ def test_without_any_command_the_device_is_not_armed():
 def test_a_zero_command_that_is_no_longer_valid_does_not_arm():
     for waited, expected in ((64, []), (65, [FaultCode.ARM_NOT_ZERO])):
         driver = DeviceDriver()
-        driver.hello()
+        driver.begin()
+        driver.tick()
         driver.command(valid_for=0.0625)
         driver.tick(periods=waited)
         assert codes(driver.arm()) == expected
@@ -108,7 +110,7 @@ def test_a_zero_command_that_is_no_longer_valid_does_not_arm():
 
 def test_a_command_of_the_session_before_does_not_arm_this_one():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.command()
     driver.hello(nonce=8)
     driver.tick()
@@ -117,17 +119,18 @@ def test_a_command_of_the_session_before_does_not_arm_this_one():
 
 def test_telemetry_of_the_session_before_does_not_arm_this_one():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick(periods=3)
-    driver.hello(nonce=8)
+    driver.begin(nonce=8)
+    driver.tick()
     driver.command()
-    assert codes(driver.arm(telemetry=3)) == [FaultCode.ARM_STALE_TELEMETRY]
+    assert codes(driver.arm(telemetry=5)) == [FaultCode.ARM_STALE_TELEMETRY]
 
 
 def test_telemetry_that_the_host_names_may_be_20_ms_old_and_must_have_been_sent():
     for periods, expected in ((20, []), (21, [FaultCode.ARM_STALE_TELEMETRY])):
         driver = DeviceDriver()
-        driver.hello()
+        driver.begin()
         driver.tick()
         seen = driver.received[-1].sequence
         driver.tick(periods=periods)
@@ -137,7 +140,7 @@ def test_telemetry_that_the_host_names_may_be_20_ms_old_and_must_have_been_sent(
         assert [f.value for f in faults(answer)] == [21 * PERIOD for _ in expected]
     for unknown in (0, 1, 99):  # 1 was the capabilities
         driver = DeviceDriver()
-        driver.hello()
+        driver.begin()
         driver.tick()
         driver.command()
         assert codes(driver.arm(telemetry=unknown)) == [FaultCode.ARM_STALE_TELEMETRY]
@@ -146,7 +149,7 @@ def test_telemetry_that_the_host_names_may_be_20_ms_old_and_must_have_been_sent(
 
 def test_hashes_must_agree():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick()
     driver.command()
     assert codes(driver.arm(limits_hash=driver.limits_hash ^ 1)) == [FaultCode.ARM_LIMITS]
@@ -157,11 +160,11 @@ def test_hashes_must_agree():
     assert driver.device.armed
 
 
-GOOD = (Arm(1, 2, 5), True, FaultCode.NONE, (1, 2), Command(ZERO, 0.05), 0.05, 0.02)
+GOOD = (Arm(1, 2, 5), True, FaultCode.NONE, False, (1, 2), Command(ZERO, 0.05), 0.05, 0.02)
 
 
 def test_reasons_against_arming_come_in_their_order_and_name_what_was_found():
-    arm, same, fault, hashes, command, age, _ = GOOD
+    arm, same, fault, stopped, hashes, command, age, _ = GOOD
     assert check_arming(*GOOD) is None
     bad = Command((0.0, 0.0, 1e-30), 0.05)
 
@@ -171,14 +174,30 @@ def test_reasons_against_arming_come_in_their_order_and_name_what_was_found():
 
     late = math.nextafter(MAX_TELEMETRY_AGE, 1.0)
     hot = FaultCode.HEATING
-    assert refusal(arm, False, hot, (9, 9), bad, age, late) == (FaultCode.ARM_SCHEMA, 0, 0.0, 0.0)
-    assert refusal(arm, same, hot, (9, 9), bad, age, late) == (FaultCode.ARM_FAULTY, 0, 5.0, 0.0)
-    assert refusal(arm, same, fault, (9, 9), bad, age, late) == (FaultCode.ARM_LIMITS, 0, 0.0, 0.0)
-    assert refusal(arm, same, fault, (1, 9), bad, age, late) == (FaultCode.ARM_CALIBRATION, 0, 0.0, 0.0)
-    assert refusal(arm, same, fault, hashes, bad, age, late) == (FaultCode.ARM_NOT_ZERO, 0, 0.05, 0.05)
+    assert refusal(arm, False, hot, True, (9, 9), bad, age, late) == (FaultCode.ARM_SCHEMA, 0, 0.0, 0.0)
+    assert refusal(arm, same, hot, True, (9, 9), bad, age, late) == (FaultCode.ARM_FAULTY, 0, 5.0, 0.0)
+    assert refusal(arm, same, fault, True, (9, 9), bad, age, late) == (FaultCode.ARM_STOPPED, 0, 0.0, 0.0)
+    assert refusal(arm, same, fault, stopped, (9, 9), bad, age, late) == (FaultCode.ARM_LIMITS, 0, 0.0, 0.0)
+    assert refusal(arm, same, fault, stopped, (1, 9), bad, age, late) == (
+        FaultCode.ARM_CALIBRATION,
+        0,
+        0.0,
+        0.0,
+    )
+    assert refusal(arm, same, fault, stopped, hashes, bad, age, late) == (
+        FaultCode.ARM_NOT_ZERO,
+        0,
+        0.05,
+        0.05,
+    )
     old = math.nextafter(0.05, 1.0)
-    assert refusal(arm, same, fault, hashes, command, old, late) == (FaultCode.ARM_NOT_ZERO, 0, old, 0.05)
-    assert refusal(arm, same, fault, hashes, command, age, late) == (
+    assert refusal(arm, same, fault, stopped, hashes, command, old, late) == (
+        FaultCode.ARM_NOT_ZERO,
+        0,
+        old,
+        0.05,
+    )
+    assert refusal(arm, same, fault, stopped, hashes, command, age, late) == (
         FaultCode.ARM_STALE_TELEMETRY,
         0,
         late,
@@ -198,6 +217,7 @@ def test_zero_is_zero_current_of_every_wheel_and_no_brake():
 def test_a_host_with_another_message_layout_may_query_and_stop_but_never_arms():
     driver = DeviceDriver()
     assert isinstance(driver.hello(same_schema=False)[0].message, Capabilities)
+    driver.give(Ping(0))
     driver.tick()
     driver.command()
     own = Arm(driver.limits_hash, CALIBRATION_HASH, driver.received[-1].sequence)
@@ -214,14 +234,14 @@ def test_every_telemetry_marks_which_readings_are_counts():
         driver = DeviceDriver()
         commissioned = DeviceConfig(3, PERIOD, channels, LIMITS, CALIBRATION_HASH)
         driver.device = Device(commissioned, lambda now, raw: ZERO, lambda: 7)
-        driver.hello()
+        driver.begin()
         driver.tick(ZERO[: len(channels)])
         assert driver.telemetry.counts == bits == counts_mask(channels)
 
 
 def test_a_command_that_moves_is_refused_while_disarmed_and_latches_nothing():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin().tick()
     for currents, brake in (((0.0, 0.0, 0.5), 0), (ZERO, 4), ((math.nan, 0.0, 0.0), 0), ((9.0, 0.0, 0.0), 0)):
         (fault,) = faults(driver.command(currents, brake=brake))
         assert fault == Fault(FaultCode.NOT_ARMED, 0, 0.0, 0.0, driver.sequence, latched=False)
@@ -235,7 +255,7 @@ def test_a_command_that_moves_is_refused_while_disarmed_and_latches_nothing():
 def test_a_second_host_learns_that_the_armed_device_is_busy_and_nothing_else():
     driver = DeviceDriver(start=1.0).driving()
     before = driver.device.session, driver.device.output
-    (answer,) = driver.hello(nonce=5)
+    (answer,) = driver.enter(driver.ask(nonce=5))
     assert answer.message == Fault(FaultCode.BUSY, 0, 0.0, 0.0, 0, latched=False)
     assert (answer.session, answer.sequence) == (0, 0)
     assert answer.time == round(driver.now * 1e6)
@@ -296,13 +316,13 @@ def test_broken_frames_are_counted():
 
 def test_counts_travel_modulo_2_to_32():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.device.dropped, driver.device.refused = 2**32 + 3, 2**32 + 4
     driver.tick()
     assert (driver.telemetry.dropped, driver.telemetry.refused) == (3, 4)
 
 
-@pytest.mark.parametrize("message", [Hello(3), Ping(1), Command(ZERO, 0.05), ResetFault(), Arm(0, 0, 0)])
+@pytest.mark.parametrize("message", [Hello(3), Ping(1), Command(ZERO, 0.05), Reset(0), Arm(0, 0, 0)])
 def test_with_a_key_what_is_not_authentic_is_dropped(message):
     driver = DeviceDriver(keyed=True).driving()
     session = 0 if isinstance(message, Hello) else driver.session
@@ -310,7 +330,7 @@ def test_with_a_key_what_is_not_authentic_is_dropped(message):
     assert driver.device.dropped == 1
     assert driver.device.armed
     driver.tick()
-    assert driver.telemetry.acknowledged == 3
+    assert driver.telemetry.acknowledged == 4
 
 
 def test_with_a_key_every_frame_is_signed_and_without_one_none():
@@ -325,7 +345,7 @@ def test_with_a_key_every_frame_is_signed_and_without_one_none():
 @pytest.mark.parametrize("keyed", [False, True])
 @pytest.mark.parametrize("session", [0, 5, None])
 def test_stop_is_obeyed_from_any_sender_at_once_and_as_often_as_it_comes(keyed, session):
-    driver = DeviceDriver(keyed=keyed).driving(brake=1)
+    driver = DeviceDriver(keyed=keyed).driving((0.0, -0.25, 0.125), brake=1)
     for _ in range(3):
         header = {} if session is None else {"session": session}
         assert driver.give(Stop(), sequence=0, authentic=False, **header) == ()
@@ -333,6 +353,15 @@ def test_stop_is_obeyed_from_any_sender_at_once_and_as_often_as_it_comes(keyed, 
         assert not driver.device.armed
     assert (driver.device.dropped, driver.device.fault) == (0, FaultCode.NONE)
     assert codes(driver.command((0.5, 0.0, 0.0))) == [FaultCode.NOT_ARMED]
+    driver.command()
+    driver.tick()
+    assert driver.telemetry.status in (Status.STOPPED, Status.STOPPED | Status.AUTHENTIC)
+    assert codes(driver.arm()) == [FaultCode.ARM_STOPPED]
+    assert driver.reset() == ()
+    driver.give(Stop(), authentic=False)
+    assert codes(driver.reset()) == [FaultCode.STALE]  # the host has not seen that stop
+    driver.tick()
+    assert driver.reset() == ()
     assert codes(driver.arm()) == [FaultCode.ARM_NOT_ZERO]  # the command before the stop does not count
     driver.command()
     driver.tick()
@@ -356,18 +385,18 @@ def test_stop_does_not_reset_a_fault():
 
 def test_ping_is_answered_with_its_nonce_and_the_time():
     driver = DeviceDriver(start=1.0)
-    driver.hello()
+    driver.begin()
     (answer,) = driver.give(Ping(42))
     assert (answer.message, answer.time, answer.session) == (Pong(42), 1_000_000, driver.session)
 
 
 def test_telemetry_counts_its_own_sequence_and_carries_the_readings():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick((1.0, 2.0, 3.0))
     driver.tick((1.0, 2.0, -3.0))
     telemetry = [f for f in driver.received if isinstance(f.message, Telemetry)]
-    assert [f.sequence for f in telemetry] == [2, 3]
+    assert [f.sequence for f in telemetry] == [3, 4]
     assert [f.time for f in telemetry] == [round(1e6 * PERIOD), round(2e6 * PERIOD)]
     assert telemetry[1].message.raw == (1.0, 2.0, -3.0)
 
@@ -388,6 +417,6 @@ def test_a_device_may_have_a_single_wheel():
 
 def test_in_lock_step_a_frame_without_a_sequence_is_no_repeat():
     driver = DeviceDriver(lock_step=True)
-    driver.hello()
+    driver.begin()
     assert driver.command(sequence=0) == ()
     assert driver.device.dropped == 1

@@ -6,7 +6,7 @@ import pytest
 from device_driver import PERIOD, ZERO, DeviceDriver, codes, faults, with_limits
 
 from omnimj.link.codec.frames import encode
-from omnimj.link.codec.messages import Command, Fault, FaultCode, Ping, Pong, ResetFault, Status, Stop
+from omnimj.link.codec.messages import Command, Fault, FaultCode, Ping, Pong, Status, Stop
 from omnimj.link.device.state_machine import Outbox
 
 
@@ -15,7 +15,7 @@ def flows(driver):
 
 
 def expect_latched(driver, code):
-    """No current, not armed, the fault in every telemetry; only reset-fault, zero and arm help."""
+    """No current, not armed, the fault in every telemetry; only reset, zero and arm help."""
     assert flows(driver) == ZERO and driver.device.output.brake == 0
     assert not driver.device.armed and driver.device.fault is code
     driver.tick()
@@ -26,7 +26,7 @@ def expect_latched(driver, code):
     assert codes(driver.arm()) == [FaultCode.ARM_FAULTY]
     driver.tick()
     assert flows(driver) == ZERO
-    assert driver.give(ResetFault()) == ()
+    assert driver.reset() == ()
     assert not driver.device.armed and driver.device.fault is FaultCode.NONE
     assert codes(driver.command((0.5, 0.0, 0.0))) == [FaultCode.NOT_ARMED]
     assert driver.arm() == ()
@@ -39,16 +39,16 @@ def expect_latched(driver, code):
 
 def test_a_command_flows_from_the_next_tick_on():
     driver = DeviceDriver().armed()
-    driver.command((0.5, -0.25, 0.125), brake=2)
+    driver.command((0.5, 0.0, 0.125), brake=2)
     assert flows(driver) == ZERO
     driver.tick()
-    assert flows(driver) == (0.5, -0.25, 0.125) and driver.device.output.brake == 2
+    assert flows(driver) == (0.5, 0.0, 0.125) and driver.device.output.brake == 2
     assert driver.telemetry.status == Status.ARMED | Status.CURRENT_FLOWS | Status.BRAKED
     assert driver.telemetry.acknowledged == driver.sequence
     assert driver.telemetry.command_age == PERIOD
     driver.tick()
     assert driver.telemetry.command_age == 2 * PERIOD
-    assert flows(driver) == (0.5, -0.25, 0.125)
+    assert flows(driver) == (0.5, 0.0, 0.125)
 
 
 def test_a_brake_alone_is_reported_as_such():
@@ -143,7 +143,7 @@ def test_what_is_no_frame_lets_time_go_on_too():
 
 def test_expired_commands_are_no_fault_of_a_disarmed_device():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin().tick()
     driver.command(valid_for=PERIOD)
     driver.tick(periods=100)
     assert driver.device.fault is FaultCode.NONE
@@ -181,7 +181,7 @@ def test_a_broken_speed_sensor_cuts_the_current():
 
 def test_a_wheel_turned_by_hand_is_no_fault_of_a_disarmed_device():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick((99.0, math.nan, 0.0))
     assert driver.device.fault is FaultCode.NONE
 
@@ -223,8 +223,9 @@ def test_a_motor_cools_down_and_neither_fault_nor_session_resets_its_heat():
     driver = DeviceDriver(limits=with_limits(heating=16 * PERIOD * 2.0)).driving((0.0, 0.5, 0.0))
     heated(driver, 1.5, 16)
     assert codes(driver.command((0.0, 1.0, 0.0)) + driver.tick()) == [FaultCode.HEATING]
-    driver.give(ResetFault())
-    driver.hello(nonce=9)
+    driver.tick()
+    driver.reset()
+    driver.begin(nonce=9)
     # full: 32 periods A²; one period of rest gives back 0.25, one of 1 A takes 0.75
     for rest, passes in ((1, False), (2, True)):
         driver.device.fault = FaultCode.NONE
@@ -246,13 +247,13 @@ def test_the_change_of_current_is_held_against_what_flows_and_against_times_of_a
 
 def test_after_arming_the_change_is_held_against_the_zero_command():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick(periods=100)
     driver.command()
     driver.arm()
     assert codes(driver.command((1.25, 0.0, 0.0))) == [FaultCode.CURRENT_RATE]
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     driver.tick(periods=100)
     driver.command()
     driver.tick()
@@ -287,7 +288,7 @@ def test_frames_beyond_the_message_rate_are_refused_and_reported_once():
 
 def test_frames_at_the_message_rate_are_answered_for_ever():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     for _ in range(1000):
         driver.now += 0.00025
         assert len(driver.give(Ping(1))) == 1
@@ -295,7 +296,7 @@ def test_frames_at_the_message_rate_are_answered_for_ever():
 
 def test_time_that_runs_backwards_gives_no_credit_and_no_heat():
     driver = DeviceDriver()
-    driver.hello()
+    driver.begin()
     for _ in range(200):
         driver.give(Ping(1))
     for _ in range(10):
@@ -304,16 +305,17 @@ def test_time_that_runs_backwards_gives_no_credit_and_no_heat():
         driver.now += 1.0
         driver.give(Ping(1))
     assert driver.device.fault is FaultCode.MESSAGE_RATE
-    assert driver.device.refused == 20
+    assert driver.device.refused == 21
 
 
 def test_other_hosts_have_a_separate_message_budget_that_bounds_their_answers():
     driver = DeviceDriver().driving()
-    answered = sum(len(driver.hello(nonce=5)) for _ in range(300))
-    # one hello was the host's own, and a tick of a period has given four back
-    assert answered == 200
-    assert driver.device.dropped == 100
-    assert driver.device.refused == 200
+    hello = driver.ask(nonce=5)
+    answered = sum(len(driver.enter(hello)) for _ in range(300))
+    # two hellos were the host's own, one asked for the cookie, and ticks of periods have given some back
+    assert answered == 199
+    assert driver.device.dropped == 101
+    assert driver.device.refused == 199
     assert driver.device.armed
     assert driver.command((0.25, 0.0, 0.0)) == ()
 
@@ -348,7 +350,7 @@ def stepped(driver, currents=ZERO, **rest):
 
 def lock_step():
     driver = DeviceDriver(lock_step=True)
-    driver.hello()
+    driver.begin()
     assert driver.device.tick(driver.now, (1.0, 2.0, 3.0)) == ()  # the readings at the start
     return driver
 
@@ -401,9 +403,9 @@ def test_in_lock_step_the_same_command_again_gets_the_same_answer_and_moves_noth
 def test_in_lock_step_a_refusal_is_repeated_too_and_a_real_time_device_repeats_nothing():
     for lock in (True, False):
         driver = DeviceDriver(lock_step=lock)
-        driver.hello()
+        driver.begin()
         driver.tick()
-        frame = driver.frame(Command((9.0, 0.0, 0.0), 0.0625))
+        frame = driver.frame(Command((9.0, 0.0, 0.0), 0.0625, 0, driver.newest))
         first = driver.deliver(frame)
         assert codes(first) == [FaultCode.NOT_ARMED]
         assert driver.deliver(frame) == (first if lock else ())
@@ -419,9 +421,10 @@ def test_in_lock_step_a_robot_that_was_stopped_rolls_out_under_zero_commands():
     driver.give(Stop())
     assert flows(driver) == ZERO
     (answer,) = stepped(driver)
-    assert answer.message.status == Status.LOCK_STEP
+    assert answer.message.status == Status.LOCK_STEP | Status.STOPPED
     assert codes(driver.command((0.5, 0.0, 0.0))) == [FaultCode.NOT_ARMED]
     assert not driver.device.step_due
+    driver.reset()
     driver.command()
     driver.tick()
     assert len(driver.arm()) == 1
@@ -434,7 +437,8 @@ def test_in_lock_step_reset_fault_is_answered():
     driver.arm()
     answer = driver.command((9.0, 0.0, 0.0))
     assert codes(answer) == [FaultCode.CURRENT]
-    (answer,) = driver.give(ResetFault())
+    stepped(driver)
+    (answer,) = driver.reset()
     assert answer.message.fault is FaultCode.NONE
 
 
@@ -457,7 +461,7 @@ def test_in_lock_step_the_limits_hold_in_simulated_time():
         stepped(driver, (current, 0.0, 0.0))
     assert codes(driver.command((0.25, 0.0, 0.0))) == [FaultCode.CURRENT_RATE]
     driver = DeviceDriver(lock_step=True, limits=with_limits(heating=16 * PERIOD * 2.0))
-    driver.hello()
+    driver.begin()
     driver.command()
     driver.device.tick(driver.now, ZERO)
     driver.command()

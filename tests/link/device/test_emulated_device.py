@@ -58,6 +58,8 @@ class Drive:
         self.host: Any = Host(device_config(wiring, PERIOD, lock_step=lock_step), lambda: next(nonces))
         self.wheels, self.calibration, self.now = WheelMap.from_hardware(wiring), Calibration(wiring), 0.0
         self.give(self.host.hello(0.0))
+        if not lock_step:
+            self.give(self.host.ping(0.0))
 
     def give(self, *frames):
         for frame in frames:
@@ -181,6 +183,8 @@ def test_each_session_in_lock_step_begins_the_run_anew_while_time_goes_on():
         runs.append(run)
         drive.give(*drive.host.stop(0.0))
         drive.give(drive.host.hello(0.0))
+        drive.command(np.zeros(4))
+        drive.give(drive.host.reset(0.0))
         drive.arm()
     assert runs[0] == runs[1]
     assert times == sorted(times)
@@ -222,7 +226,7 @@ def test_readings_may_be_late_and_carry_their_time(late):
     for k in range(1, 12):
         drive.wait()
         assert drive.host.reading.time == round(1e6 * max(1, k - late) * PERIOD)
-        assert drive.host.reading.sequence == k + 1
+        assert drive.host.reading.sequence == k + 2
 
 
 def test_readings_that_are_too_late_are_dropped_once_the_host_knows_the_clock():

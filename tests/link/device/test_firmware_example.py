@@ -17,6 +17,7 @@ from omnimj.link.codec.layout import SCHEMA
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     Command,
     Fault,
     FaultCode,
@@ -25,7 +26,7 @@ from omnimj.link.codec.messages import (
     Message,
     Ping,
     Pong,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -50,6 +51,7 @@ class Board:
         self._stream, self.sequence, self.session, self.limits_hash = FrameStream(), 0, 0, 0
         self.enabled, self.current = False, 0.0
         self.sent: list[Frame] = []
+        self.newest = 0
 
     def line(self, text: str) -> None:
         assert self._running.stdin
@@ -63,6 +65,8 @@ class Board:
         self.enabled, self.current = enabled == "1", float(current)
         self.sent = self._stream.feed(bytes.fromhex(sent)) if sent != "-" else []
         assert self._stream.drops.total == 0
+        told = [frame.sequence for frame in self.sent if isinstance(frame.message, Telemetry)]
+        self.newest = told[-1] if told else self.newest
         return [frame.message for frame in self.sent]
 
     def says(self, *messages: Message, us: int = 2000, **header) -> list[Message]:
@@ -70,6 +74,8 @@ class Board:
         stuffed = b""
         for message in messages:
             self.sequence += 1
+            if isinstance(message, Command | Reset) and message.telemetry == 0:
+                message = replace(message, telemetry=self.newest)
             frame = Frame(message, self.session, self.sequence, 0)
             stuffed += stuff(encode(replace(frame, **header)))
         self.line(f"bytes {stuffed.hex()}")
@@ -77,9 +83,20 @@ class Board:
 
     def begin(self, nonce: int = 5) -> Capabilities:
         """A new session."""
-        (found,) = (m for m in self.says(Hello(nonce), session=0) if isinstance(m, Capabilities))
+        found = self.enter(self.ask(nonce))
+        self.says(Ping(0))
+        return found
+
+    def ask(self, nonce: int = 5) -> Hello:
+        """The hello that returns the cookie of the challenge."""
+        (challenge,) = (m for m in self.says(Hello(nonce), session=0) if isinstance(m, Challenge))
+        return Hello(challenge.nonce, challenge.cookie, challenge.device)
+
+    def enter(self, hello: Hello) -> Capabilities:
+        (found,) = (m for m in self.says(hello, session=0) if isinstance(m, Capabilities))
         self.session, self.sequence, self.limits_hash = self.sent[0].session, 0, found.limits_hash
-        assert found.nonce == nonce
+        assert found.nonce == hello.nonce
+        self.newest = 0
         return found
 
     def arm(self, **but) -> list[Message]:
@@ -163,14 +180,14 @@ def test_the_example_arms_drives_and_stops(board):
 def test_the_example_cuts_current_when_commands_cease_and_stays_so_until_reset_and_arm(board):
     board.arm()
     board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
-    for _ in range(25):
+    for _ in range(24):  # the command answers a telemetry of the period before
         messages = board.turn()
         assert board.current == 0.5
     messages = board.turn()
     assert faults(messages) == [(FaultCode.COMMAND_TOO_OLD, True)] and not board.enabled
     assert board.current == 0.0
     assert faults(board.arm()) == [(FaultCode.ARM_FAULTY, False)]
-    assert not status(board.says(ResetFault())) & Status.FAULT
+    assert not status(board.says(Reset(0))) & Status.FAULT
     assert not board.enabled
     board.arm()
     assert board.enabled and board.current == 0.0
@@ -203,24 +220,24 @@ def test_the_example_limits_rate_and_heat_and_speed_and_frames(board):
     assert faults(messages) == [] and board.current == 1.5, "1.5 A within 2 ms are 750 A/s"
     messages = board.says(Command((-1.5, 0.0, 0.0, 0.0), 0.05))
     assert faults(messages) == [(FaultCode.CURRENT_RATE, True)]
-    board.says(ResetFault())
+    board.says(Reset(0))
     board.arm()
     steps = 0
     while not faults(messages := board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))):
         steps += 1
     assert faults(messages) == [(FaultCode.HEATING, True)]
     assert abs(steps * 0.002 - 0.5 / (1.5**2 - 0.75**2)) < 0.01
-    board.says(ResetFault())
+    board.says(Reset(0))
     board.arm()
     board.line("speed 40.5")
     assert faults(board.says(Command(ZERO, 0.05))) == [(FaultCode.WHEEL_SPEED, True)]
     board.line("speed nan")
-    board.says(ResetFault())
+    board.says(Reset(0))
     board.arm()
     board.turn()
     assert not board.enabled and status(board.turn()) & Status.FAULT
     board.line("speed 0")
-    board.says(ResetFault())
+    board.says(Reset(0))
     board.turn(100_000)
     messages = [message for _ in range(40) for message in board.says(*[Ping(k) for k in range(3)], us=10)]
     assert faults(messages) == [(FaultCode.MESSAGE_RATE, True)]
@@ -255,7 +272,7 @@ def test_the_example_drops_what_is_old_foreign_or_of_a_second_host(board):
     for header in ({"sequence": again}, {"session": board.session ^ 1}, {"sequence": 1}):
         messages = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05), **header)
         assert faults(messages) == [] and board.current == 0.0 and board.enabled
-    messages = board.says(Hello(99), session=0)
+    messages = board.says(board.ask(99), session=0)
     assert faults(messages) == [(FaultCode.BUSY, False)] and board.enabled
     before = board.session
     board.says(Stop())

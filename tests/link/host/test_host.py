@@ -6,12 +6,13 @@ import math
 from typing import Any
 
 import pytest
-from device_driver import CALIBRATION_HASH, CHANNELS, LIMITS, PERIOD, ZERO
+from device_driver import CALIBRATION_HASH, CHANNELS, IDENTITY, LIMITS, PERIOD, ZERO
 
 from omnimj.errors import LinkLost, OmnimjError
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
+    Challenge,
     ChannelKind,
     Command,
     Fault,
@@ -22,7 +23,7 @@ from omnimj.link.codec.messages import (
     Pong,
     Quantity,
     Raw,
-    ResetFault,
+    Reset,
     Status,
     Stop,
     Telemetry,
@@ -51,9 +52,19 @@ class Other:
         self.sequence, self.session = 0, SESSION
         self.keyed = self.host.expected.keyed
         if connected:
-            self.nonce = self.host.hello(0.0).message.nonce
+            self.ask()
             assert self.capabilities() == ()
             assert self.host.state is HostState.CONNECTED
+
+    def ask(self, device=IDENTITY):
+        """The host's hello and what it answers to the challenge."""
+        self.nonce = self.host.hello(0.0).message.nonce
+        return self.challenge(device)
+
+    def challenge(self, device=IDENTITY, cookie=99, **changed):
+        found = Challenge(self.nonce, cookie, device)
+        self.sequence -= 1  # outside of the session
+        return self.say(dataclasses.replace(found, **changed), session=0, sequence=0)
 
     def say(self, message, now=0.0, time=None, **header):
         self.sequence += 1
@@ -88,7 +99,7 @@ def expect_stopped(host, frames, reason):
     assert len({f.sequence for f in frames}) == 1 and frames[0].session == host.session
     assert host.state is HostState.STOPPED
     assert host.reason == reason
-    for ask in (host.arm, host.ping, host.reset_fault, lambda now: host.command(now, ZERO)):
+    for ask in (host.arm, host.ping, host.reset, lambda now: host.command(now, ZERO)):
         with pytest.raises(LinkLost) as lost:
             ask(1.0)
         assert str(lost.value) == reason
@@ -110,6 +121,8 @@ def test_hello_is_the_same_question_until_it_is_answered():
     assert first.message == second.message == Hello(1)
     assert (first.session, first.sequence, first.time, second.sequence) == (0, 1, 1_500_000, 2)
     other.nonce = 1
+    (answer,) = other.challenge()
+    assert answer.message == host.hello(2.5).message == Hello(1, 99, IDENTITY)
     other.capabilities()
     assert host.hello(3.0).message == Hello(2)
     assert host.state is HostState.ASKING
@@ -118,7 +131,7 @@ def test_hello_is_the_same_question_until_it_is_answered():
 
 def test_a_device_that_lays_out_its_messages_otherwise_is_not_the_one_that_was_expected():
     other = Other(connected=False)
-    other.nonce = other.host.hello(0.0).message.nonce
+    other.ask()
     e = other.host.expected
     found = Capabilities(other.nonce, e.period, False, 3, e.channels, e.limits, OWN, e.calibration_hash)
     frames = other.say(found, same_schema=False)
@@ -142,7 +155,7 @@ def test_before_there_is_a_session_no_request_is_allowed():
     host = Other(connected=False).host
     assert (host.session, host.fault) == (0, None)
     for _ in range(2):
-        for ask in (host.arm, host.ping, host.reset_fault, lambda now: host.command(now, ZERO)):
+        for ask in (host.arm, host.ping, host.reset, lambda now: host.command(now, ZERO)):
             with pytest.raises(LinkLost, match="there is no session"):
                 ask(0.0)
         host.hello(0.0)
@@ -152,13 +165,14 @@ def test_before_there_is_a_session_no_request_is_allowed():
 def test_frames_carry_the_session_and_rise():
     other = Other()
     host = other.host
-    frames = [host.ping(0.5), host.command(0.5, ZERO), host.reset_fault(0.5)]
+    other.telemetry()
+    frames = [host.ping(0.5), host.command(0.5, ZERO), host.reset(0.5)]
     assert [f.sequence for f in frames] == [1, 2, 3]
     assert {f.session for f in frames} == {SESSION}
     assert {f.time for f in frames} == {500_000}
     assert [f.authentic for f in frames] == [False] * 3
-    assert frames[1].message == Command(ZERO, 0.05, 0)
-    assert frames[2].message == ResetFault()
+    assert frames[1].message == Command(ZERO, 0.05, 0, other.sequence)
+    assert frames[2].message == Reset(other.sequence)
     other.telemetry()
     assert host.arm(0.0).message == Arm(OWN, CALIBRATION_HASH, other.sequence)
 
@@ -188,14 +202,14 @@ def test_frames_carry_the_session_and_rise():
 )
 def test_another_device_than_expected_is_named_in_the_error(changed, words):
     other = Other(connected=False)
-    other.nonce = other.host.hello(0.0).message.nonce
+    other.ask()
     answer = other.capabilities(**changed)
     expect_stopped(other.host, answer, f"this is not the device that was expected: {words}")
 
 
 def test_a_real_time_device_is_not_taken_for_one_in_lock_step():
     other = Other(connected=False, lock_step=True)
-    other.nonce = other.host.hello(0.0).message.nonce
+    other.ask()
     other.capabilities(lock_step=False)
     assert other.host.reason.endswith("it runs in real time, expected is lock-step")
 
@@ -203,7 +217,7 @@ def test_a_real_time_device_is_not_taken_for_one_in_lock_step():
 def test_a_device_may_have_more_channels_and_anything_where_the_host_uses_none():
     unused = ChannelKind(Quantity.OTHER, 0, Raw.VOLTS)
     other = Other(connected=False, channels=(*CHANNELS, unused, unused))
-    other.nonce = other.host.hello(0.0).message.nonce
+    other.ask()
     supply = ChannelKind(Quantity.SUPPLY, 0, Raw.COUNTS)
     assert other.capabilities(channels=(*CHANNELS, supply)) == ()
     assert other.host.state is HostState.CONNECTED
@@ -215,7 +229,7 @@ def test_only_the_answer_to_the_own_hello_counts():
     other.nonce = 1
     assert other.capabilities() == ()
     assert other.host.state is HostState.IDLE
-    other.host.hello(0.0)
+    other.ask()
     assert other.capabilities(nonce=2) == ()
     assert other.host.state is HostState.ASKING
     assert other.host.dropped == 2
@@ -279,12 +293,70 @@ def test_arming_takes_telemetry_and_is_done_when_the_device_confirms_it():
     assert host.state is HostState.ARMED
 
 
-def test_a_device_that_is_armed_without_a_request_is_not_driven():
+def test_a_device_that_is_armed_without_a_request_is_not_believed():
     other = Other()
-    other.telemetry(status=Status.ARMED)
-    assert other.host.state is HostState.CONNECTED
-    with pytest.raises(LinkLost, match="the device is not armed"):
-        other.host.command(0.0, (0.1, 0.0, 0.0))
+    answer = other.telemetry(status=Status.ARMED)
+    expect_stopped(other.host, answer, "it is armed without a request")
+
+
+def test_an_acknowledgement_of_what_was_not_sent_is_not_believed():
+    other = Other().armed()
+    sent = other.host.command(0.0, ZERO).sequence
+    other.host.ping(0.0)
+    assert other.telemetry(0.0, Status.ARMED, acknowledged=sent) == ()
+    answer = other.telemetry(0.0, Status.ARMED, acknowledged=sent + 1)
+    expect_stopped(other.host, answer, "it acknowledges a command that was not sent")
+
+
+def test_time_that_runs_backwards_is_not_believed():
+    other = Other().armed()
+    assert other.telemetry(0.01, Status.ARMED, time=10_000) == ()
+    assert other.telemetry(0.011, Status.ARMED, time=10_000) == ()
+    answer = other.telemetry(0.012, Status.ARMED, time=9_999)
+    expect_stopped(other.host, answer, "its time runs backwards")
+
+
+def test_another_device_than_the_one_met_before_or_the_models_is_refused_with_both_identities():
+    other = Other()
+    other.host.stop(0.0)
+    answer = other.ask(device=IDENTITY + 1)
+    words = f"another device answers: {IDENTITY + 1:016x} instead of {IDENTITY:016x}"
+    expect_stopped(other.host, answer, words)
+    other = Other(connected=False, identity=7)
+    words = f"another device answers: {IDENTITY:016x} instead of {7:016x}"
+    expect_stopped(other.host, other.ask(), words)
+
+
+def test_a_challenge_to_another_nonce_or_without_a_request_is_dropped():
+    other = Other(connected=False)
+    other.nonce = 1
+    assert other.challenge() == () and other.host.dropped == 1
+    other.host.hello(0.0)
+    assert other.challenge(nonce=5) == () and other.host.dropped == 2
+    other = Other()
+    assert other.challenge() == () and other.host.state is HostState.CONNECTED
+
+
+def test_two_refusals_within_a_second_are_borne_and_three_end_the_run():
+    stale = Fault(FaultCode.STALE, 0, 0.06, 0.05, 9, False)
+    other = Other().armed()
+    for now in (0.0, 0.5, 1.25, 1.75, 2.5):
+        assert other.say(stale, now) == ()
+    assert other.host.state is HostState.ARMED and other.host.fault == stale
+    answer = other.say(stale, 2.6)
+    expect_stopped(other.host, answer, "the device reports: stale (0.06, limit 0.05)")
+    other = Other(lock_step=True).armed()
+    assert other.say(stale) != ()  # nothing is late in lock-step
+
+
+def test_a_command_names_the_newest_telemetry_and_a_reset_too():
+    other = Other()
+    assert other.host.command(0.0, ZERO).message.telemetry == 0
+    with pytest.raises(LinkLost, match="no telemetry yet"):
+        other.host.reset(0.0)
+    other.telemetry()
+    assert other.host.command(0.0, ZERO).message.telemetry == other.sequence
+    assert other.host.reset(0.0).message == Reset(other.sequence)
 
 
 def test_while_not_armed_only_zero_may_be_commanded():
@@ -298,7 +370,7 @@ def test_while_not_armed_only_zero_may_be_commanded():
         other.host.arm(0.0)
     other.telemetry(status=Status.ARMED)
     frame = other.host.command(0.0, [0.5, 0.25, 0.0], 2, 0.125)
-    assert frame.message == Command((0.5, 0.25, 0.0), 0.125, 2)
+    assert frame.message == Command((0.5, 0.25, 0.0), 0.125, 2, other.sequence)
 
 
 def test_no_hello_while_the_device_is_driven():
@@ -537,7 +609,7 @@ def test_before_there_is_a_session_frames_of_session_zero_are_dropped():
     assert other.host.dropped == 1
 
 
-@pytest.mark.parametrize("message", [Stop(), Hello(1), Ping(1), Command(ZERO, 0.05), ResetFault()])
+@pytest.mark.parametrize("message", [Stop(), Hello(1), Ping(1), Command(ZERO, 0.05), Reset(0)])
 def test_messages_that_only_a_host_may_send_are_dropped(message):
     other = Other()
     assert other.say(message) == ()
@@ -615,6 +687,7 @@ def test_host_and_device_understand_each_other_from_hello_to_stop():
 
     give(host.hello(now))
     assert host.state is HostState.CONNECTED
+    give(host.ping(now))
     for k in range(40):
         now += PERIOD
         for frame in device.tick(now, ZERO):

@@ -13,8 +13,11 @@ from sample_frames import GOLDEN
 
 from omnimj.errors import InputError
 from omnimj.link.codec.frames import encode
+from omnimj.link.codec.layout import DropReason
+from omnimj.link.transport import serial_port
 from omnimj.link.transport.address import SerialAddress, UdpAddress, is_loopback, parse_address
 from omnimj.link.transport.interface import SinglePeerListener
+from omnimj.link.transport.passive import PassiveTransport
 from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.simulated import SimulatedWire, WireFaults
 from omnimj.link.transport.udp import UdpListener, UdpTransport
@@ -111,7 +114,8 @@ def test_datagrams_over_512_bytes_are_dropped_and_a_flood_comes_in_portions(udp)
     host.send(bytes(513))
     host.send(bytes(3000))
     host.send(bytes(512))
-    assert [packet for packet, _ in device.receive()] == [bytes(512)] and device.failures == 2
+    assert [packet for packet, _ in device.receive()] == [bytes(512)]
+    assert device.drops[DropReason.TOO_LONG] == 2 and device.failures == 0
     for _ in range(100):
         host.send(OTHER)
     assert [len(device.receive()) for _ in range(3)] == [64, 36, 0]
@@ -307,3 +311,52 @@ def test_a_wire_never_holds_more_than_it_may():
     wire.advance(2.0)
     wire.advance(1.0)
     assert wire.now == 2.0 and len(wire.host.receive()) == 10_000
+
+
+@pty_needed
+def test_a_line_that_was_gone_carries_packets_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(serial_port, "REOPEN_INTERVAL", 0.0)
+    name = tmp_path / "port"
+    far, near = os.openpty()
+    name.symlink_to(os.ttyname(near))
+    transport = SerialTransport(SerialAddress(str(name)))
+    os.write(far, cobs.encode(OTHER)[:9])
+    assert transport.wait(1.0) and transport.receive() == []
+    os.close(near)
+    os.close(far)
+    assert transport.receive() == [] and not transport.is_open and transport.drops.total == 1
+    transport.send(PACKET)
+    assert transport.receive() == [] and not transport.wait(0.0) and not transport.is_open
+    far, near = os.openpty()
+    name.unlink()
+    name.symlink_to(os.ttyname(near))
+    assert transport.receive() == [] and transport.is_open
+    transport.send(PACKET)
+    assert read(far) == b"\0" + cobs.encode(PACKET) + b"\0"
+    os.write(far, cobs.encode(OTHER) + b"\0")
+    assert come(transport, 1) == [OTHER] and transport.drops.total == 1
+    transport.close()
+    assert transport.receive() == [] and not transport.is_open
+    os.close(near)
+    os.close(far)
+
+
+@pty_needed
+def test_a_passive_end_of_a_line_or_socket_sends_no_byte():
+    far, near = os.openpty()
+    transport = SerialTransport(SerialAddress(os.ttyname(near)), passive=True)
+    os.close(near)
+    transport.send(PACKET)
+    os.write(far, b"\0" + cobs.encode(OTHER) + b"\0")
+    assert come(transport, 1) == [OTHER] and read(far, 0.02) == b"" and transport.failures == 1
+    transport.close()
+    os.close(far)
+    listening = _free()
+    passive, sender = PassiveTransport(UdpListener(listening)), UdpTransport(listening)
+    sender.send(OTHER)
+    assert passive.wait(1.0) and passive.receive() == [OTHER]
+    passive.send(PACKET)
+    assert sender.receive() == [] and passive.failures == 1
+    sender.close()
+    passive.close()
+    assert not passive.is_open and passive.drops.total == 0
