@@ -391,7 +391,11 @@ MESSAGES: dict[MessageType, Layout] = {
             _RESERVED_8,
             Field("value", "f32", "offending value; may be NaN or infinite"),
             Field("limit", "f32", "limit that it violates"),
-            Field("sequence", "u32", "sequence of the refused frame; 0: none"),
+            Field(
+                "sequence",
+                "u32",
+                "sequence of the refused frame, 0: none; in BUSY the lower half of the nonce",
+            ),
         ),
     ),
     MessageType.RESET: Layout(

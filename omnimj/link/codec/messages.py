@@ -245,7 +245,7 @@ class Fault:
     limit: float
     """Limit that it violates."""
     sequence: int
-    """Sequence of the refused frame; 0: none."""
+    """Sequence of the refused frame, 0: none; in busy the lower half of the nonce of the hello."""
     latched: bool
 
 

@@ -48,9 +48,9 @@ class Outbox:
         """Queue the answer to a hello, outside of any session."""
         self._queue.append(self._frame(now, challenge, 0, 0))
 
-    def put_busy(self, now: float) -> None:
-        """Queue the answer to a host other than the session's, outside of the session."""
-        busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, 0, latched=False)
+    def put_busy(self, now: float, nonce: int) -> None:
+        """Queue the answer to a hello while another host drives, bound to its nonce, outside of the session."""
+        busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, nonce & _MASK, latched=False)
         self._queue.append(self._frame(now, busy, 0, 0))
 
     def repeat(self, frames: tuple[Frame, ...]) -> None:

@@ -297,7 +297,7 @@ class Device:
             return
         if self.armed:
             self.refused += 1
-            self._outbox.put_busy(now)
+            self._outbox.put_busy(now, hello.nonce)
             return
         if not repeated:
             drawn = self._new_session() & _MASK

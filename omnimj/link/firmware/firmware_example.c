@@ -331,7 +331,7 @@ static void on_hello(const omj_hello *hello, uint64_t now)
         say_challenge(hello->nonce, cookie); /* nothing is kept for a sender that has not returned a cookie */
     } else if (armed) {
         refused++;
-        say_fault(OMJ_FAULT_BUSY, 0, 0.0f, 0.0f, 0, 0);
+        say_fault(OMJ_FAULT_BUSY, 0, 0.0f, 0.0f, (uint32_t)hello->nonce, 0);
     } else {
         if (!repeated) {
             begin_session(hello, now);

@@ -221,7 +221,7 @@ class Host:
         elif isinstance(message, Capabilities):
             return self._on_capabilities(now, frame, message)
         elif isinstance(message, Fault) and message.code is FaultCode.BUSY and frame.session == 0:
-            if self.state is HostState.ASKING:
+            if self.state is HostState.ASKING and message.sequence == self._nonce & 0xFFFFFFFF:
                 return self.stop(now, "another host has the armed device")
             self.dropped += 1
         elif self.session == 0 or frame.session != self.session or not self.arrivals.take(frame.sequence):

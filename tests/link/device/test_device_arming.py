@@ -256,7 +256,7 @@ def test_a_second_host_learns_that_the_armed_device_is_busy_and_nothing_else():
     driver = DeviceDriver(start=1.0).driving()
     before = driver.device.session, driver.device.output
     (answer,) = driver.enter(driver.ask(nonce=5))
-    assert answer.message == Fault(FaultCode.BUSY, 0, 0.0, 0.0, 0, latched=False)
+    assert answer.message == Fault(FaultCode.BUSY, 0, 0.0, 0.0, 5, latched=False)
     assert (answer.session, answer.sequence) == (0, 0)
     assert answer.time == round(driver.now * 1e6)
     assert (driver.device.session, driver.device.output) == before

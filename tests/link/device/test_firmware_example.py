@@ -304,3 +304,67 @@ def test_the_example_holds_each_rule_against_all_wheels_before_the_next(board):
     # wheel 1 turns round too quickly, but wheel 4 is beyond the limit, which comes first
     messages = board.says(Command((-1.5, 0.0, 0.0, 1.6), 0.05))
     assert [(f.code, f.wheel) for f in messages if isinstance(f, Fault)] == [(FaultCode.CURRENT, 4)]
+
+
+@needs_compiler
+def test_the_example_latches_a_stop_until_a_reset_that_has_seen_it(board):
+    board.arm()
+    seen = board.newest
+    board.says(Stop(), session=0, sequence=0, us=100)
+    assert faults(board.arm()) == [(FaultCode.ARM_STOPPED, False)] and not board.enabled
+    assert faults(board.says(Reset(seen))) == [(FaultCode.STALE, False)]
+    assert not status(board.says(Reset(0))) & Status.STOPPED
+    assert status(board.arm()) == Status.ARMED
+
+
+@needs_compiler
+def test_the_example_refuses_a_command_that_answers_an_old_or_unknown_telemetry(board):
+    board.arm()
+    seen, stale = board.newest, [(FaultCode.STALE, False)]
+    for telemetry in (seen + 1, 2**32 - 1):
+        assert faults(board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05, 0, telemetry))) == stale
+    for _ in range(10):
+        board.says(Command(ZERO, 0.05))
+    assert faults(board.says(Command((0.5, 0.0, 0.0, 0.0), 0.02, 0, seen))) == stale
+    assert board.enabled and board.current == 0.0
+
+
+@needs_compiler
+def test_the_example_trips_on_brake_with_current_and_on_a_current_that_does_not_follow(board):
+    board.arm()
+    messages = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05, 1))
+    assert faults(messages) == [(FaultCode.BRAKE_AND_CURRENT, True)]
+    board.says(Reset(0))
+    board.arm()
+    board.line("excess 0.6")  # more than a third of 1.5 A
+    for periods in range(400):
+        if found := faults(board.says(Command(ZERO, 0.05))):
+            break
+    assert found == [(FaultCode.CURRENT_DEVIATION, True)] and 250 <= periods <= 253
+
+
+@needs_compiler
+def test_the_example_begins_no_session_for_a_replayed_hello_and_ends_a_silent_one(board):
+    hello = board.ask(8)
+    board.enter(hello)
+    assert board.turn() == [], "no telemetry before the first frame of the session"
+    board.says(Ping(0))
+    before = board.session
+    (challenge, *_) = board.says(hello, session=0)
+    assert isinstance(challenge, Challenge) and challenge.cookie != hello.cookie
+    assert board.session == before
+    for _ in range(510):
+        messages = board.turn()
+    assert messages == [], "silent for more than a second"
+
+
+@needs_compiler
+def test_the_example_repeats_challenge_and_capabilities_every_second_for_passive_listeners(board):
+    times, hello = [], board.ask(9)
+    board.enter(hello)
+    for k in range(1200):
+        messages = board.says(Ping(k)) if k % 100 == 0 else board.turn()
+        if any(isinstance(message, Capabilities) for message in messages):
+            assert Challenge(9, hello.cookie, hello.device) in messages
+            times.append(k)
+    assert len(times) == 2 and times[1] - times[0] == 500

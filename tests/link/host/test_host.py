@@ -263,14 +263,21 @@ def test_a_stopped_host_takes_no_capabilities():
     assert other.host.dropped == 1
 
 
-def test_busy_is_reported_to_the_requesting_host_only():
+def test_busy_ends_only_the_request_whose_nonce_it_carries():
+    other = Other(connected=False)
+    nonce = other.host.hello(0.0).message.nonce
+    busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, nonce & 0xFFFFFFFF, False)
+    assert other.say(dataclasses.replace(busy, sequence=busy.sequence ^ 1), session=0) == ()
+    assert (other.host.state, other.host.dropped) == (HostState.ASKING, 1)
+    answer = other.say(busy, session=0)
+    expect_stopped(other.host, answer, "another host has the armed device")
+
+
+def test_busy_without_a_request_is_dropped():
     busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, 0, False)
     other = Other(connected=False)
     assert other.say(busy, session=0) == ()
     assert (other.host.state, other.host.dropped) == (HostState.IDLE, 1)
-    other.host.hello(0.0)
-    answer = other.say(busy, session=0)
-    expect_stopped(other.host, answer, "another host has the armed device")
     other = Other().armed()
     assert other.say(busy, session=0) == ()
     assert (other.host.state, other.host.dropped) == (HostState.ARMED, 1)
