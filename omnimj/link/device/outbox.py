@@ -49,7 +49,7 @@ class Outbox:
         self._queue.append(self._frame(now, challenge, 0, 0))
 
     def put_busy(self, now: float, nonce: int) -> None:
-        """Queue the answer to a hello while another host drives, bound to its nonce, outside of the session."""
+        """Queue the answer to a hello while another host drives, bound to its nonce."""
         busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, nonce & _MASK, latched=False)
         self._queue.append(self._frame(now, busy, 0, 0))
 
