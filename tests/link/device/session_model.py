@@ -68,9 +68,9 @@ def copied(device: Device) -> Device:
 
 
 def kind(frame: Frame) -> str:
-    """Type of a frame of the host; commands that move are a type of their own."""
-    moves = isinstance(frame.message, Command) and frame.message.currents != ZERO
-    return "move" if moves else type(frame.message).__name__
+    """Type of a frame of the host; commands of other currents are of another type."""
+    currents = frame.message.currents if isinstance(frame.message, Command) else ""
+    return f"{type(frame.message).__name__} {currents}"
 
 
 @dataclass
@@ -274,6 +274,9 @@ EVENTS: dict[str, Callable[[State], None]] = {
     "arm": lambda state: state.say(Arm(*HASHES, newest(state))),
     "move": move,
     "move that answers an old telemetry": lambda state: move(state, -1),
+    "command beyond a limit": lambda state: state.say(
+        Command((9.0, 0.0, 0.0), VALID_FOR * PERIOD, 0, newest(state))
+    ),
     "move is delayed": hold,
     "delayed move arrives": release,
     "reset": lambda state: state.say(Reset(newest(state))),
@@ -288,6 +291,15 @@ EVENTS: dict[str, Callable[[State], None]] = {
 }
 
 
+def mode(device: Device) -> str:
+    """State of the device in one word."""
+    if device.armed:
+        return "driving" if any(device.output.currents) else "armed"
+    if device.session == 0:
+        return "idle"
+    return "faulty" if device.fault else "stopped" if device.stopped else "disarmed"
+
+
 @dataclass
 class Exploration:
     """Result of an exhaustive search."""
@@ -299,6 +311,8 @@ class Exploration:
     """Shortest sequence of events to a forbidden state; empty if there is none."""
     events: frozenset[str]
     """Events that have led to a state that was not known."""
+    transitions: frozenset[tuple[str, str, str]]
+    """Mode before, event, mode after, where they differ."""
 
 
 def driving() -> State:
@@ -314,12 +328,16 @@ def explore(depth: int, begin: Callable[[], State]) -> Exploration:
     """Breadth-first search over all sequences of events; states with the same key are visited once."""
     first = begin()
     queue: deque[tuple[State, tuple[str, ...]]] = deque([(first, ())])
-    known, moving, fruitful = {first.key()}, 0, set()
+    known, moving, fruitful, transitions = {first.key()}, 0, set(), set()
     while queue:
         state, path = queue.popleft()
         for name, after in _followers(state):
             if not after.is_right():
-                return Exploration(len(known), moving, (*path, name), frozenset(fruitful))
+                return Exploration(
+                    len(known), moving, (*path, name), frozenset(fruitful), frozenset(transitions)
+                )
+            if (before := mode(state.device)) != (then := mode(after.device)):
+                transitions.add((before, name, then))
             key = after.key()
             if key in known:
                 continue
@@ -328,7 +346,7 @@ def explore(depth: int, begin: Callable[[], State]) -> Exploration:
             moving += any(after.device.output.currents)
             if len(path) + 1 < depth:
                 queue.append((after, (*path, name)))
-    return Exploration(len(known), moving, (), frozenset(fruitful))
+    return Exploration(len(known), moving, (), frozenset(fruitful), frozenset(transitions))
 
 
 def _followers(state: State) -> Iterator[tuple[str, State]]:

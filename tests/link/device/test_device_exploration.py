@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from make_state_picture import PAGE, updated
 from session_model import EVENTS, State, driving, explore, powered_up
 
 from omnimj.link.device import limits, state_machine
@@ -84,3 +85,8 @@ BROKEN = (
 def test_the_search_finds_the_way_to_current_in_a_device_that(monkeypatch, broken):
     broken(monkeypatch)
     assert explore(5, driving).counterexample or explore(6, at_power_up).counterexample
+
+
+def test_the_page_of_threats_shows_the_states_that_the_device_has():
+    text = PAGE.read_text(encoding="utf-8")
+    assert updated(text) == text, "run tests/link/device/make_state_picture.py"

@@ -7,7 +7,7 @@ import math
 import pytest
 from device_driver import PERIOD, ZERO, DeviceDriver, codes, faults
 
-from omnimj.link.codec.messages import Command, Fault, FaultCode, Status, Stop
+from omnimj.link.codec.messages import Command, Fault, FaultCode, Frame, Status, Stop
 from omnimj.link.device.limits import CURRENT_SETTLING
 
 MOVE = (0.5, 0.0, 0.0)
@@ -55,7 +55,7 @@ def test_a_lifetime_that_is_not_allowed_makes_no_command_fresh_nor_hides_behind_
 
 def delayed(driver: DeviceDriver, delays: list[int], move=MOVE) -> None:
     """A host that answers each telemetry at once, on a path that delays command k by so many periods."""
-    under_way: list[tuple[int, object]] = []
+    under_way: list[tuple[int, Frame]] = []
     for k, delay in enumerate(delays):
         driver.tick()
         frame = driver.frame(Command(move, 0.0625, 0, driver.newest))
