@@ -58,7 +58,7 @@ def test_effects_that_mjcf_can_say_are_said_in_mjcf(tmp_path):
     assert m.dof_frictionloss[0] == pytest.approx(0.05) and m.dof_armature[0] == pytest.approx(0.0015)
     assert m.dof_dampingpoly[0, 0] == pytest.approx(0.002)
     assert m.actuator_gainprm[0, 0] == pytest.approx(0.08)
-    assert m.actuator_biasprm[0, 2] == pytest.approx(-0.032)
+    assert m.actuator_biasprm[0, 2] == pytest.approx(0.8**2 * -0.04)
     assert m.actuator_dynprm[0, 0] == pytest.approx(0.01)
     assert m.opt.gravity == pytest.approx([-9.81 * np.sin(0.1), 0.0, -9.81 * np.cos(0.1)])
     more = inertia_about_the_joint(m) - inertia_about_the_joint(machine.mj_model)

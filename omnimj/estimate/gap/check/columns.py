@@ -25,6 +25,8 @@ _FALL = 0.85  # smallest jump of a counter as a share of its range
 _REPEATED = 0.005  # permitted share of repeated rows
 _STALE = 3.0  # times the longest stretch of equal rows that noise leaves by chance
 _FEWEST_STALE = 10  # rows
+_NEAR = 21  # rows about one
+_RARELY = 0.3  # share of these in which a column at rest changes by more than its resolution
 _REST = 0.05  # [s] that a rest lasts at least
 _STILL = 0.02  # largest speed at rest as a share of the top speed
 _RUN_BIAS = 0.02  # [m/s²] of a healthy accelerometer, drawn anew in every run
@@ -45,6 +47,11 @@ def fill_masked(run: Run, name: str) -> Array:
     return np.interp(run.time, run.time[~bad], values[~bad])
 
 
+def _is_place(name: str) -> bool:
+    """True for `position`, and for `position:JOINT` of any machine."""
+    return name.partition(":")[0].endswith("position")
+
+
 def moving_mask(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
     """Mask of samples in motion: some speed, or change of a position, exceeds a twentieth of its largest.
 
@@ -55,7 +62,7 @@ def moving_mask(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
     for name in names:
         if name in run.columns:
             values = fill_masked(run, name)
-            if name.endswith("position"):
+            if _is_place(name):
                 span = min(21, len(values) // 2 * 2 - 1)
                 near = np.pad(values, span // 2, mode="edge")
                 values = near[span - 1 :] - near[: len(values)]
@@ -130,6 +137,8 @@ def _frozen(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[S
         values = np.asarray(run.columns[name], float)
         starts, lengths = constant_stretches(values)
         moves = moving_mask(run, speeds)
+        if name in run.masked:
+            moves &= ~np.asarray(run.masked[name])
         before = np.concatenate([[0], np.cumsum(moves)])
         used = (before[starts + lengths] - before[starts]) >= 0.5 * lengths
         if np.count_nonzero(used) < 3:
@@ -157,7 +166,7 @@ def _frozen(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[S
 def _is_stuck(values: Array, part: slice, name: str) -> bool:
     """Test whether equal values are neither a counter at rest nor a channel at the end of its range."""
     value = float(values[part.start])
-    if value == 0.0 or name.endswith("position"):
+    if value == 0.0 or _is_place(name):
         return _leaps(values, part)
     return value not in (float(np.max(values)), float(np.min(values)))
 
@@ -287,8 +296,27 @@ def _equal_rows(run: Run) -> NDArray[np.bool_]:
     return same
 
 
+def _quiet_rows(run: Run, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask of rows about which no column changes by more than its resolution, as a rule, shape (n,).
+
+    There a coarse encoder repeats its value though the logger works. Noise that is finer than the smallest
+    change of a column never lets it seem quiet.
+    """
+
+    def count(mask: NDArray[np.bool_]) -> Array:
+        return np.convolve(mask.astype(float), np.ones(min(_NEAR, len(mask))), "same")
+
+    quiet, others = np.ones(len(same), bool), count(~same)
+    for name, values in run.columns.items():
+        if name != "time":
+            steps = np.concatenate([[0.0], np.abs(np.diff(values))])
+            finest = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-300)].min(initial=np.inf)
+            quiet &= count(steps > 1.01 * finest) <= _RARELY * others
+    return quiet
+
+
 def _stale(runs: Sequence[Run]) -> Iterator[Suspicion]:
-    """Find stretches in which no channel changes, though noise changes at least one of them as a rule.
+    """Find stretches in which no channel changes, though noise or motion changes one of them as a rule.
 
     Where a share p of the rows repeats the row before, n rows hold no longer stretch than ln n / ln(1/p).
     """
@@ -302,7 +330,12 @@ def _stale(runs: Sequence[Run]) -> Iterator[Suspicion]:
         share = (np.count_nonzero(same) - longest) / max(len(same) - longest, 1)
         usual = np.log(len(same)) / np.log(1.0 / min(max(share, 1.0 / len(same)), 1.0 - 1e-9))
         allowed = max(_STALE * usual, _FEWEST_STALE)
-        found = [(first, last) for first, last in stretches if last - first > allowed]
+        quiet = np.append(_quiet_rows(run, same), True)
+        found = [
+            (first, last)
+            for first, last in stretches
+            if last - first > allowed and not (quiet[first - 1] and quiet[last])
+        ]
         if not found:
             continue
         touched.append(run.name)
@@ -323,7 +356,7 @@ def _repeated(runs: Sequence[Run], speeds: Sequence[str]) -> Iterator[Suspicion]
         if len(run.columns) < 2:
             continue
         same = _equal_rows(run)
-        own = int(np.count_nonzero(same & moving_mask(run, speeds)))
+        own = int(np.count_nonzero(same & moving_mask(run, speeds) & ~_quiet_rows(run, same)))
         allowed = max(3.0, _REPEATED * len(same))
         if own >= allowed:
             count, strength = count + own, max(strength, own / allowed)

@@ -31,10 +31,23 @@ def machine_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion
     names = [f"position:{joint}" for joint in machine.joints]
     speeds = [f"velocity:{joint}" for joint in machine.joints]
     inputs = [f"{kind}:{drive.name}" for drive in machine.drives for kind in ("force", "control")]
-    yield from column_suspicions(dataset, (*names, *speeds, *inputs), (*speeds, *names), names)
+    powered = replace(dataset, runs=[_powered(run, machine) for run in dataset.runs])
+    yield from column_suspicions(powered, (*names, *speeds, *inputs), (*speeds, *names), names)
     for joint in machine.joints:
         yield from _velocity_suspicions(dataset.runs, joint)
     yield from _input_suspicions(dataset, machine)
+
+
+def _powered(run: Run, machine: Machine) -> Run:
+    """The run with the inputs of actuators masked where these are off."""
+    masked = dict(run.masked)
+    for drive in machine.drives:
+        enabled = run.columns.get(f"enabled:{drive.name}")
+        for name in (f"force:{drive.name}", f"control:{drive.name}"):
+            if enabled is not None and name in run.columns:
+                off = np.asarray(enabled) < 0.5
+                masked[name] = np.asarray(masked.get(name, np.zeros(len(off), bool))) | off
+    return replace(run, masked=masked)
 
 
 def _renamed(runs: Sequence[Run], joint: str) -> list[Run]:

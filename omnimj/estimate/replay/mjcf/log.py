@@ -104,7 +104,7 @@ def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -
         raise InputError("dataset", "no run is long enough", f"{0.5 * window:g} s without a gap are needed")
     joints = range(len(parts.joints))
     places = [[s.columns[f"position:{parts.joints[j]}"] for s in kept] for j in joints]
-    noise = np.array([white_noise(own) for own in places])
+    noise = np.array([_encoder_noise(runs, f"position:{name}") for name in parts.joints])
     widths = [_width(places[j], period, noise[j]) for j in joints]
     pieces = [_smoothed(s, parts, widths, period, stride) for s in kept]
     table, windows = _tables([len(p["times"]) for p in pieces], size, length)
@@ -121,6 +121,15 @@ def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -
         speed_noise=noise * np.array(spread),
         **whole,
     )
+
+
+def _encoder_noise(runs: Sequence[Run], name: str) -> float:
+    """Noise of a position as it was logged: between the samples of a coarse encoder it would seem finer."""
+    logged = [
+        run.columns[name][~np.asarray(run.masked.get(name, np.zeros(len(run.time), bool)))] for run in runs
+    ]
+    finite = [values[np.isfinite(values)] for values in logged]
+    return white_noise([values for values in finite if len(values) > _FEWEST])
 
 
 def _cut_run(index: int, run: Run, parts: MeasuredParts, period: float):

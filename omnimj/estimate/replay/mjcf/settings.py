@@ -145,8 +145,8 @@ def _channels(effect: str, parts: MeasuredParts, moving: list[str]) -> Iterator[
         yield from (own.column for own in inputs)
         yield from (f"velocity:{name}" for name in velocities)
         # where a command drives the joint and no velocity was measured, `actuator_delay` is the same
-        told = {own.drive.joint for own in inputs if own.is_force} | set(velocities)
-        yield from (f"position:{name}" for name in moving if name in told)
+        observed = {own.drive.joint for own in inputs if own.is_force} | set(velocities)
+        yield from (f"position:{name}" for name in moving if name in observed)
         yield from (f"sensor:{name}" for name in parts.sensors)
         return
     kind = effect.partition("_")[0]
