@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omnimj.control.expected_floor import ExpectedFloor, expected_floor
 from omnimj.effects.effect import AppliedEffects
 from omnimj.effects.machine import apply_effects
-from omnimj.parameters import Robot
+from omnimj.parameters import Floor, Robot
 from omnimj.physics.effect_terms import TERM
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
@@ -52,14 +53,21 @@ class RobotConstants(NamedTuple):
     """Force and moment on the body per traction of each wheel, B = Aᵀ, shape (3, n)."""
     across: Array
     """Roller speed per body twist of each wheel, of omni wheels along the axle, shape (n, 3)."""
+    floor: ExpectedFloor
+    """Floor that the controller expects."""
 
 
-def robot_constants(robot: Robot) -> RobotConstants:
+def robot_constants(robot: Robot, floor: Floor | None = None) -> RobotConstants:
     """Constants of a robot from its parameters and the effects of its model file.
 
     Of the effects, those that a force balance contains enter: torque constants, radii, friction of gears,
     bearings and rollers, twisted axles, payload.
+
+    Args:
+      robot: The robot.
+      floor: Floor that the controller expects; None: nothing is known of it.
     """
+    expected = expected_floor(robot, floor)
     effects = apply_effects(robot)
     robot, n = effects.machine, len(robot.wheels)
     extra, x, y = effects.payload
@@ -85,6 +93,7 @@ def robot_constants(robot: Robot) -> RobotConstants:
         roller_viscous=float(robot.wheel.roller_viscous),
         forces=np.ascontiguousarray(_turned(positions, robot.rolling_directions, effects).T),
         across=np.ascontiguousarray(_turned(positions, robot.side_directions, effects)),
+        floor=expected,
     )
 
 

@@ -58,6 +58,7 @@ class DetectorConfig:
     machine: Robot | Rig
     """Constants of the model file; its effects are ignored."""
     floor: Floor
+    """Floor that the published method assumes."""
     mass: float | None = None
     """Mass of the loaded rig [kg]; the first of its masses when None."""
     choice: DetectorOptions = field(default_factory=DetectorOptions)
@@ -66,6 +67,8 @@ class DetectorConfig:
     """Thresholds of the robust method; the shipped ones when None."""
     observer: ObserverGains | None = None
     """Observer gains of the robust method; the shipped ones when None."""
+    expected_floor: Floor | None = None
+    """Floor that the robust method expects; None: it knows nothing of the floor."""
 
 
 def make_detector(
@@ -73,7 +76,8 @@ def make_detector(
 ) -> RecordingDetector | None:
     """Make the detector of a method for the robot or rig of a scenario; None for `off`.
 
-    The detector assumes the constants of the model file and the scenario's floor, without patches and faults.
+    The detector assumes the constants of the model file, without faults. The published method assumes the
+    scenario's floor without patches, the robust one that which `[diagnosis]` states, or `drive.creep_floor`.
 
     Args:
       name: One of `METHODS`.
@@ -88,7 +92,16 @@ def make_detector(
     floor = scenario.floors[scenario.floor]
     observer = None if scenario.gains is None else scenario.gains.observer
     return detector_for(
-        name, DetectorConfig(scenario.constants, floor, mass, scenario.diagnosis, thresholds, observer)
+        name,
+        DetectorConfig(
+            scenario.constants,
+            floor,
+            mass,
+            scenario.diagnosis,
+            thresholds,
+            observer,
+            scenario.expected_floor,
+        ),
     )
 
 
@@ -108,7 +121,9 @@ def detector_for(name: str, config: DetectorConfig) -> RecordingDetector | None:
 @functools.singledispatch
 def _detector(machine: Robot, name: str, config: DetectorConfig) -> RecordingDetector:
     if name == "robust":
-        return RobustDetector(machine, thresholds=config.thresholds, gains=config.observer)
+        return RobustDetector(
+            machine, thresholds=config.thresholds, gains=config.observer, floor=config.expected_floor
+        )
     return PublishedRobotDetector(machine, config.floor, select_thresholds(config.choice), config.choice)
 
 

@@ -7,7 +7,7 @@ hardware.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -186,6 +186,9 @@ class DetectorOptions:
     dither: bool = True
     """Robust detector: wheels are driven against each other, less, while a slow robot excites its motors too
     little."""
+    floor: str | None = None
+    """Robust detector: name of the floor that it expects under the wheels; an empty name: none. None: that of
+    the feed-forward of creep, where there is one."""
 
     @property
     def printed(self) -> bool:
@@ -215,6 +218,5 @@ def checked_options(
     for name, value in flags.items():
         if not isinstance(value, bool):
             raise InputError(f"{place}.{name}", f"found {value!r}", "must be true or false")
-    return DetectorOptions(
-        str(variant), str(thresholds), **{name: bool(value) for name, value in flags.items()}
-    )
+    chosen = DetectorOptions(str(variant), str(thresholds))
+    return replace(chosen, **{name: bool(value) for name, value in flags.items()})

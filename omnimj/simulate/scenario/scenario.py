@@ -141,6 +141,14 @@ class Scenario:
         return self.drive
 
     @property
+    def expected_floor(self) -> Floor | None:
+        """Floor that the diagnosis expects, by default that of the feed-forward; None if none is stated."""
+        stated = self.diagnosis.floor
+        if stated is None and isinstance(self.drive, Drive):
+            stated = self.drive.creep_floor
+        return self.floors[stated] if stated else None
+
+    @property
     def period(self) -> float:
         """Control period [s]."""
         return 1.0 / self.constants.sensors.sample_rate
@@ -202,6 +210,9 @@ def _read(
             raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
     _require_few_steps(tree, place, constants)
     floors = all_floors(read_floors_key(tree, path), floors_file)
+    diagnosis = read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis")
+    if diagnosis.floor:
+        find_floor(diagnosis.floor, f"{place}: diagnosis.floor", floors)
     return Scenario(
         name=path.stem,
         description=text_entry(tree, "description", place),
@@ -211,7 +222,7 @@ def _read(
         duration=number_entry(tree, "duration", place, _DURATION),
         equations=_equations(tree, place),
         scene=read_scene_key(tree, path),
-        diagnosis=read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis"),
+        diagnosis=diagnosis,
         overrides=tuple(overrides),
         **read_own(tree, place, constants, floors),
     )

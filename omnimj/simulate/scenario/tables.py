@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +15,7 @@ from omnimj.parameters.reading import Rule, check_number
 from omnimj.resources import models_folder
 from omnimj.simulate.kinematic import KinematicCase
 
-DIAGNOSIS_KEYS = ("variant", "thresholds", *OPTION_FLAGS)
+DIAGNOSIS_KEYS = ("variant", "thresholds", "floor", *OPTION_FLAGS)
 KINEMATIC_KEYS = (
     "plant",
     "weights",
@@ -147,11 +148,11 @@ def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
 def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     """Read the `[diagnosis]` table: options of the diagnosis methods, all optional.
 
-    `variant` and `thresholds` belong to `--method published`, `self_test` and `dither` to `--method robust`,
-    `recovery` to both.
+    `variant` and `thresholds` belong to `--method published`, `floor`, `self_test` and `dither` to
+    `--method robust`, `recovery` to both.
 
     Raises:
-      InputError: Not a table, or a flag that is neither true nor false.
+      InputError: Not a table, a flag that is neither true nor false, or a floor that is no text.
       UnknownNameError: A key, variant or set of thresholds that does not exist.
     """
     if not isinstance(table, Mapping):
@@ -159,13 +160,16 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     for key in table:
         if key not in DIAGNOSIS_KEYS:
             raise UnknownNameError(place, "key", key, DIAGNOSIS_KEYS)
-    usual = DetectorOptions()
-    return checked_options(
+    usual, floor = DetectorOptions(), table.get("floor")
+    if floor is not None and not isinstance(floor, str):
+        raise InputError(f"{place}.floor", f"found {floor!r}", "a string is needed")
+    options = checked_options(
         table.get("variant", usual.variant),
         table.get("thresholds", usual.thresholds),
         {name: table[name] for name in OPTION_FLAGS if name in table},
         place,
     )
+    return dataclasses.replace(options, floor=floor)
 
 
 def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:

@@ -237,6 +237,8 @@ def judge_forces(
             return Verdict(verdict.diagnoses, math.nan)
     elif body[axis] < thresholds.accelerometer * (thresholds.other if verdict.has_active() else 1.0):
         return Verdict(verdict.diagnoses, math.nan)
+    elif abs(evidence.scores.size[2 * n + axis]) < thresholds.bias:
+        return Verdict(verdict.diagnoses, math.nan)  # a wheel may have left the stated floor
     since = time if math.isnan(verdict.suspected) else verdict.suspected
     if evidence.monitors.stuck[best] > 0.0:  # a wheel that may be locked: its monitor decides
         return Verdict(verdict.diagnoses, since)

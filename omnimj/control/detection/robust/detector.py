@@ -31,9 +31,10 @@ from omnimj.control.detection.robust.judgement import (
 from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import all_diagnoses
+from omnimj.control.expected_floor import largest_drag
 from omnimj.control.gains import ObserverGains
 from omnimj.control.records import Record, copied, packed
-from omnimj.parameters import Robot
+from omnimj.parameters import Floor, Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement, compiled_in, robot_channels
 
@@ -108,6 +109,8 @@ class RobustDetector:
       period: Control period [s]; that of the robot's sensors when None.
       thresholds: Values from which a suspicion becomes a decision; as shipped when None.
       gains: Of the observer; as shipped when None.
+      floor: Floor that the controller expects, whose creep and drag no healthy wheel is blamed for; None:
+        nothing is known of it.
     """
 
     def __init__(
@@ -116,11 +119,14 @@ class RobustDetector:
         period: float | None = None,
         thresholds: Thresholds | None = None,
         gains: ObserverGains | None = None,
+        floor: Floor | None = None,
     ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         n = self.wheels = len(robot.wheels)
         self.robot, self.thresholds = robot, Thresholds() if thresholds is None else thresholds
-        self.constants = robust_parameters(robot, self.period, self.thresholds, gains)
+        if floor is not None:
+            self.thresholds = self.thresholds._replace(bias=largest_drag(robot, floor) / robot.body.mass)
+        self.constants = robust_parameters(robot, self.period, self.thresholds, gains, floor)
         self.sampling = sampling_parameters(robot, self.period)
         self.packed_sampling = packed(self.sampling)
         self.channels = robot_channels(n)[:-1]

@@ -10,10 +10,12 @@ import numpy as np
 from omnimj.control.cascade.heading import wrapped, yaw_rate_by_wheels, yaw_rate_row
 from omnimj.control.detection.robust.blocks import LONGEST_GAP, samples_per_block
 from omnimj.control.detection.robust.force_balance import (
+    SLOW,
     balance,
     columns,
     lasting,
     mass_column,
+    roller_speeds,
     wheels_of,
     whiten,
 )
@@ -51,7 +53,7 @@ from omnimj.control.detection.robust.wheel_monitors import (
 from omnimj.control.gains import ObserverGains
 from omnimj.control.records import Record, packed
 from omnimj.control.robot_constants import RobotConstants, robot_constants
-from omnimj.parameters import Robot
+from omnimj.parameters import Floor, Robot
 from omnimj.physics.native import inlined, kernel
 from omnimj.signals import Array
 
@@ -143,6 +145,7 @@ def robust_parameters(
     period: float,
     thresholds: Thresholds | None = None,
     gains: ObserverGains | None = None,
+    floor: Floor | None = None,
 ) -> RobustParameters:
     """Constants of a robot's detector.
 
@@ -151,12 +154,13 @@ def robust_parameters(
       period: Control period [s].
       thresholds: Values from which a suspicion becomes a decision; as shipped when None.
       gains: Of the observer; as shipped when None.
+      floor: Floor that the controller expects; None: nothing is known of it.
     """
     own = ObserverGains() if gains is None else gains
     limits = Thresholds() if thresholds is None else thresholds
     block = samples_per_block(period) * period
     return RobustParameters(
-        robot_constants(robot),
+        robot_constants(robot, floor),
         VelocityNoise(float(own.wheel_noise), float(own.creep_noise), float(own.acceleration_noise)),
         parameter_model(len(robot.wheels), block, own.memory),
         yaw_rate_row(robot),
@@ -274,7 +278,8 @@ def _update_force_channel(parameters, block, accommodation, evidence):
         model = with_degraded_motors(model, accommodation.degraded, block.duration)
     n = block.wheel_speed.size
     x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
-    balance(robot, block, theta, accommodation, x, rho, evidence.force, sideways)
+    roller_speeds(robot, block, evidence.velocity[n, :2], sideways)
+    balance(robot, block, theta, accommodation, sideways, x, rho, evidence.force)
     evidence.residual[:] = rho
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
@@ -302,8 +307,12 @@ def _update_slip_channel(parameters, block, accommodation, evidence, moving):
     load = robot.load * mass
     for q in range(n + 1):
         predict_velocity(parameters, block, accommodation.excluded_axes, velocity[q], velocity_cov[q])
-    creep = expected_creep(parameters.robot, block.duration, load, evidence.force, monitors)
-    traction = Traction(load, evidence.force, creep, moving)
+    creep = expected_creep(parameters.robot, block, velocity[n, :2], load, evidence.force, monitors)
+    unknown = np.zeros(n, np.bool_)
+    for i in range(n):
+        learns = accommodation.relearning and accommodation.degraded[i]
+        unknown[i] = robot.floor.stated and (learns or evidence.recent[:, i].min() < SLOW)
+    traction = Traction(load, evidence.force, creep, moving, unknown)
     for i in range(n):
         update_wheel_monitors(
             parameters, block, included, traction, velocity[i], velocity_cov[i], monitors, i

@@ -2,14 +2,15 @@
 
 F̂_i = g (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇) − I_eff φ̈/r comes from the joint side, so no friction law of
 the floor enters: the channel is blind to slip and to the floor. g is 1 while the motor drives the wheel and
-1/(E E_b) while the floor does. M a is accelerometer and gyro. Deviations of a healthy robot from its nominal
+1/(E E_b) while the floor does. M a is accelerometer and gyro. A floor that is stated (`ExpectedFloor`) takes
+its resistance to the rolling of wheels and rollers from both. Deviations of a healthy robot from its nominal
 parameters are columns of a law
 
   ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι, γ, κ, c_x, c_y, h_1…n, k_1…n]
  δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the
-rollers' friction, μ excess of mass, ι of inertia, γ excess of g where the floor drives the wheel, κ excess
-of viscous friction, c displacement of the centre of mass; h and k, −1 … 1, the stiction of a wheel and of
-its rollers at rest, which is unknown and never learnt. The law is linear in all of them but γ, which
+friction of rollers and floor, μ excess of mass, ι of inertia, γ excess of g where the floor drives the wheel,
+κ excess of viscous friction, c displacement of the centre of mass; h and k, −1 … 1, the stiction of a wheel
+and of its rollers at rest, which is unknown and never learnt. The law is linear in all of them but γ, which
 multiplies δ, ν and κ: their columns are those at the γ that has been learnt.
 """
 
@@ -19,6 +20,7 @@ import math
 
 import numpy as np
 
+from omnimj.control.expected_floor import rolling_drag
 from omnimj.physics.native import kernel
 
 SLOW = 1.5
@@ -108,8 +110,27 @@ def rolling_velocity(robot, wheel_speed, yaw_rate):
 
 
 @kernel
-def balance(robot, block, theta, accommodation, x, rho, force, sideways):
-    """Fill regressors X, balance ρ, wheel forces F̂ and roller speeds of one block.
+def roller_speeds(robot, block, velocity, sideways):
+    """Fill the speeds at which the rollers turn, those along the axles of omni wheels [m/s].
+
+    Args:
+      robot: `RobotConstants`.
+      block: `Block`.
+      velocity: Estimated v_x, v_y of the body on a stated floor, on which wheels creep; elsewhere they are
+        taken to roll. Shape (2,) [m/s].
+      sideways: Output, shape (n,) [m/s].
+    """
+    v_x, v_y = velocity[0], velocity[1]
+    if not robot.floor.stated:
+        v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate)
+    for i in range(sideways.size):
+        across = robot.across[i]
+        sideways[i] = across[0] * v_x + across[1] * v_y + across[2] * block.yaw_rate
+
+
+@kernel
+def balance(robot, block, theta, accommodation, sideways, x, rho, force):
+    """Fill regressors X, balance ρ and wheel forces F̂ of one block.
 
     Args:
       robot: `RobotConstants`.
@@ -117,10 +138,10 @@ def balance(robot, block, theta, accommodation, x, rho, force, sideways):
       theta: θ as learnt, shape (p,): it gives F̂, the γ of the columns, and which wheels the floor drives.
       accommodation: `Accommodation`; nothing is learnt about the gears, which are alike, from the motors that
         are known to be degraded: their friction has a law of its own.
+      sideways: From `roller_speeds`, shape (n,) [m/s].
       x: Output X, shape (3, p).
       rho: Output ρ, shape (3,) [N, N, N.m].
       force: Output F̂ at θ, shape (n,) [N].
-      sideways: Output, speeds along the axles, shape (n,) [m/s].
     """
     n = force.size
     common, gear = 2 * n, gear_column(n)
@@ -129,19 +150,20 @@ def balance(robot, block, theta, accommodation, x, rho, force, sideways):
     rho[2] = -robot.yaw_inertia * block.yaw_acceleration
     _subtract_centre(robot, block, x, rho, gear + 2)
     pushes = np.zeros(3)
-    v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate)
     for i in range(n):
         speed, inertial = block.wheel_speed[i], robot.inertia[i] * block.wheel_acceleration[i]
         shaft, learnt = shaft_force(robot, block, theta, accommodation.losses, i)
         driven = learnt * speed < 0.0  # by the floor: the gear takes its share the other way
         nominal_gain = robot.driven[i] if driven else 1.0
         gain = nominal_gain * (1.0 + theta[gear]) if driven else 1.0
-        force[i] = gain * learnt - inertial
-        across = robot.across[i]
-        sideways[i] = across[0] * v_x + across[1] * v_y + across[2] * block.yaw_rate
-        drag = robot.roller_dry * math.tanh(sideways[i] / _SIDEWAYS) + robot.roller_viscous * sideways[i]
+        resisted, resisted_across = rolling_drag(robot.floor, i, robot.radius[i] * speed, sideways[i])
+        resisted *= math.tanh(speed / _TURNING)
+        force[i] = gain * learnt - inertial - resisted * (1.0 + theta[common + 2])
+        across, way = robot.across[i], math.tanh(sideways[i] / _SIDEWAYS)
+        drag = robot.roller_dry * way + robot.roller_viscous * sideways[i]
         for k in range(3):
             along, rollers = robot.forces[k, i], across[k] * robot.load * drag
+            rollers += across[k] * resisted_across * way + along * resisted
             x[k, i] = along * gain * robot.torque[i] * block.current[i]
             x[k, n + i] = along * gain * robot.dry[i] * math.tanh(speed / _TURNING)
             x[k, common + 2] += rollers
@@ -189,6 +211,8 @@ def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
     hide its loss. Where its friction has been learnt to be larger, it holds that much, and up to a speed that
     is larger by as much: a second motor in parallel brakes like its own windings until it turns.
 
+    A wheel that slips on a stated floor may stand on another one, whose drag is not known.
+
     Args:
       robot: `RobotConstants`.
       theta: θ as learnt, shape (p,).
@@ -204,13 +228,16 @@ def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
         cov[k, k] = NOISE[k] * NOISE[k]
         if k < 2 and accommodation.excluded_axes[k]:
             cov[k, k] = _UNKNOWN
-    n, rollers = slowest.size, robot.load * robot.roller_dry
+    n = slowest.size
     held = lasting(n)
     for i in range(n):
         more = 1.0 + max(theta[n + i], 0.0) if accommodation.degraded[i] else 1.0
         full, dry, slow = robot.torque[i] * current[i], robot.dry[i] * more, slowest[i] < SLOW * more
+        resisted, rollers = rolling_drag(robot.floor, i, robot.radius[i] * slowest[i], SLOW_SIDEWAYS)
+        dry, rollers = dry + resisted, robot.load * robot.roller_dry + rollers
         hidden = slow and (not accommodation.degraded[i] or abs(full) < _PULLS * dry)
         lacks = _NOT_JUDGED * full if hidden else 0.0
+        elsewhere = robot.floor.stated and not (accommodation.included[i] or accommodation.degraded[i])
         for k in range(3):
             along, across = robot.forces[k, i], robot.across[i, k]
             for j in range(3):
@@ -220,6 +247,8 @@ def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
                     cov[k, j] += along * robot.forces[j, i] * (dry * dry + lacks * lacks)
                 if sideways[i] < SLOW_SIDEWAYS:
                     cov[k, j] += across * robot.across[i, j] * rollers * rollers
+                if elsewhere:
+                    cov[k, j] += (across * robot.across[i, j] + along * robot.forces[j, i]) * _UNKNOWN
             x[k, held + i] = along * dry if hidden else 0.0
             if hidden:  # friction may take whatever the motor gives
                 x[k, i] = x[k, n + i] = 0.0

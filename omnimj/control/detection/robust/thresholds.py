@@ -54,6 +54,9 @@ class Thresholds(NamedTuple):
     certain."""
     healthy: float = 5.0
     """Λ of regained grip that withdraws a slip [nats]."""
+    bias: float = 0.0
+    """Jump of the accelerometer's bias up to which another floor explains it [m/s²]: the drag of a stated
+    floor on the whole robot over its mass, since wheels may leave it."""
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,25 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from omnimj.control.detection.robust.force_balance import roller_speeds
 from omnimj.control.detection.robust.slip import (
     SOFT_FLOOR,
     STIFF_FLOOR,
+    STRONGER,
+    WEAKER,
     healthy_creep_bounds,
     next_creep,
     slip_residual,
     speed_deviation,
     wheel_slip,
 )
+from omnimj.control.expected_floor import creep_under, effective_load
 from omnimj.control.robot_constants import CREEP_SLOPE
+from omnimj.physics.equilibrium import SMOOTHING, steady_ratio
 from omnimj.physics.native import kernel
+from omnimj.physics.traction import rolling_speed
 from omnimj.signals import Array
 
 ALLOWED, ALLOWED_TURNING = 0.02, 0.015
@@ -36,6 +43,10 @@ AGREES = -0.75
 """Traction along the slip from which it may be one: a wheel is never slower than its force for long [N]."""
 NO_SLIP = 0.12
 """Slip against the load, or without any, from which the wheel's speed is read wrongly [m/s]."""
+SLOW_BRISTLE = CREEP_SLOPE
+"""Damping that is added to a stated floor where its traction follows late: that of stone [s/m]."""
+DOUBT = 0.2
+"""Standard deviation of the creep on a stated floor, as a share of it."""
 _FADES = 0.9  # factor per block on the counted way, once the wheel pulls the other way
 _SPREADS = (
     4.0  # variance ratio beyond which the other wheels leave dead reckoning; wheels 120 degrees apart: 2
@@ -58,7 +69,10 @@ class WheelMonitors(NamedTuple):
     """Monitors of n wheels; counts are blocks in a row."""
 
     slipped: Array
-    """Way slipped beyond the allowed creep, shape (n,) [m]."""
+    """Way slipped beyond the allowed creep, and on a stated floor beyond what its bristles yield, shape (n,)
+    [m]."""
+    yielded: Array
+    """Way slipped beyond the allowed creep by which bristles of a stated floor may yield, shape (n,) [m]."""
     regained: Array
     """Log-likelihood that the lost grip is back, shape (n,) [nats]."""
     implausible: Array
@@ -88,19 +102,24 @@ class WheelMonitors(NamedTuple):
     """Deflection on a stiff floor, shape (n,) [m]."""
     lost_bristle: Array
     """Deflection on a floor with the grip of the last slip, shape (n,) [m]."""
+    rolling: Array
+    """Rolling speed on a stated floor, 0 without one, shape (n,) [m/s]."""
 
 
 class Traction(NamedTuple):
     """Load, force and creep of n wheels in one block."""
 
     load: float
-    """Normal force of a wheel, F_N [N]."""
+    """Mean normal force of a wheel, F_N [N]."""
     force: Array
     """F̂, shape (n,) [N]."""
     creep: Array
     """Expected creep and its uncertainty, shape (n, 2) [m/s]."""
     moving: bool
     """True if any wheel turns: the velocity of a robot at rest is only its filters' error."""
+    unknown: NDArray[np.bool_]
+    """Mask of wheels whose traction is not known, and so neither their creep on a stated floor: dry friction
+    may have held them lately, or a new loss is still being measured. Shape (n,)."""
 
 
 def initial_monitors(wheels: int) -> WheelMonitors:
@@ -114,6 +133,7 @@ def restart_monitors(monitors):
     """Go on after a gap in the measurements, in place: counts start anew, grip and bristles stay."""
     for counts in (
         monitors.slipped,
+        monitors.yielded,
         monitors.regained,
         monitors.implausible,
         monitors.stuck,
@@ -141,17 +161,22 @@ def roller_ratio(robot, i):
 
 
 @kernel
-def expected_creep(robot, t, load, force, monitors):
+def expected_creep(robot, block, velocity, load, force, monitors):
     """Creep of each wheel under its traction and its uncertainty, shape (n, 2) [m/s].
 
     Args:
       robot: `RobotConstants`.
-      t: Duration of the block [s].
+      block: `Block`.
+      velocity: Estimated v_x, v_y of the body, shape (2,) [m/s].
       load: F_N of a wheel [N].
       force: F̂, shape (n,) [N].
-      monitors: `WheelMonitors`, whose soft and stiff bristles are updated in place.
+      monitors: `WheelMonitors`, whose soft and stiff bristles are updated in place, and on a stated floor
+        its rolling speed.
     """
-    creep = np.empty((force.size, 2))
+    creep, t = np.empty((force.size, 2)), block.duration
+    if robot.floor.stated:
+        _creep_on_floor(robot, block, velocity, load, force, monitors, creep)
+        return creep
     softs, stiffs = monitors.soft_bristle, monitors.stiff_bristle
     for i in range(force.size):
         ratio = roller_ratio(robot, i)
@@ -163,9 +188,51 @@ def expected_creep(robot, t, load, force, monitors):
 
 
 @kernel
-def _count(counter, i, condition):
+def _creep_on_floor(robot, block, velocity, load, force, monitors, creep):
+    """Fill the creep of each wheel on the stated floor; arguments as `expected_creep`.
+
+    Identified floors come from steady driving, so that how fast traction builds up is not known: the creep is
+    the mean of that by the law and of that by a law whose traction follows later, uncertain by their
+    difference.
+    """
+    floor, sideways = robot.floor, np.empty(force.size)
+    roller_speeds(robot, block, velocity, sideways)
+    for i in range(force.size):
+        ratio, rim = roller_ratio(robot, i), robot.radius[i] * block.wheel_speed[i]
+        u = robot.forces[:, i]
+        along = u[0] * velocity[0] + u[1] * velocity[1] + u[2] * block.yaw_rate
+        rolling = rolling_speed(floor.traction, rim, along, sideways[i])
+        share = force[i] * ratio / effective_load(floor, i, load / robot.load)
+        softs, stiffs, t = monitors.soft_bristle, monitors.stiff_bristle, block.duration
+        soft, softs[i] = creep_under(floor.traction, share, rolling, SLOW_BRISTLE, softs[i], t)
+        stiff, stiffs[i] = creep_under(floor.traction, share, rolling, 0.0, stiffs[i], t)
+        creep[i, 0], creep[i, 1] = 0.5 * ratio * (soft + stiff), 0.5 * ratio * abs(soft - stiff)
+        monitors.rolling[i] = rolling
+
+
+@kernel
+def _count(counter, i, condition, weight=1.0):
     """Count blocks in a row, in place."""
-    counter[i] = counter[i] + 1.0 if condition else 0.0
+    counter[i] = counter[i] + weight if condition else 0.0
+
+
+@kernel
+def _standing_weight(parameters, passed, i):
+    """Weight of a block in which wheel i stands while the floor passes.
+
+    Bristles of a stated floor hold a healthy wheel until they have yielded from one end of its dry friction
+    to the other; no count is full before the floor has passed by as far.
+
+    Args:
+      parameters: `RobustParameters`.
+      passed: Way of the floor in the block [m].
+      i: Wheel.
+    """
+    robot, floor = parameters.robot, parameters.robot.floor
+    if not floor.stated:
+        return 1.0
+    dry = robot.dry[i] + floor.traction.rolling_resistance * floor.loads[i] + _FORCE
+    return min(passed * parameters.thresholds.stuck / (2.0 * dry * floor.yields[i]), 1.0)
 
 
 class ContactSlip(NamedTuple):
@@ -179,48 +246,100 @@ class ContactSlip(NamedTuple):
     """s [m/s]."""
     deviation: float
     """Standard deviation of s [m/s]."""
+    rolling: float
+    """Rolling speed on a stated floor [m/s]."""
 
 
 @kernel
-def update_slip_monitor(period, contact, yaw_rate, moving, monitors, i):
+def floor_creep_bounds(traction, share, rolling, bristles, t):
+    """Smallest and largest creep of a healthy wheel on a stated floor [m/s].
+
+    The floor may be a fifth weaker and carry less load, or carry more; traction may follow late or at once.
+
+    Args:
+      traction: `TractionParameters`.
+      share: F̂/F_N [1].
+      rolling: Rolling speed [m/s].
+      bristles: Deflections on the weaker floor and on the stronger one, shape (4,), updated in place [m].
+      t: Duration of the block [s].
+    """
+    least, most = math.inf, -math.inf
+    for k in range(4):
+        part = share / (WEAKER * WEAKER if k < 2 else STRONGER)
+        damping = SLOW_BRISTLE if k % 2 else 0.0
+        creep, bristles[k] = creep_under(traction, part, rolling, damping, bristles[k], t)
+        least, most = min(least, creep), max(most, creep)
+    return least, most
+
+
+@kernel
+def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
     """Slip and grip of wheel i after a block, in place.
 
     Args:
+      floor: `ExpectedFloor`.
       period: Duration of a block [s].
       contact: `ContactSlip`.
       yaw_rate: [rad/s].
-      moving: Whether any wheel turns.
+      judged: Whether any wheel turns and the traction of this one is known.
       monitors: `WheelMonitors`.
       i: Wheel.
     """
-    load, force, slip, deviation = contact
-    least, most = healthy_creep_bounds(force / load, monitors.healthy_bristles[i], period)
+    load, force, slip, deviation, rolling = contact
+    bristles, traction = monitors.healthy_bristles[i], floor.traction
+    if floor.stated:
+        least, most = floor_creep_bounds(traction, force / load, rolling, bristles, period)
+    else:
+        least, most = healthy_creep_bounds(force / load, bristles, period)
     beyond = max(slip - most, least - slip)
     pull = force if slip - most > least - slip else -force
     excess = beyond - _SIGMAS * deviation
     allowed = ALLOWED + ALLOWED_TURNING * abs(yaw_rate)
-    if moving and pull > AGREES:
-        monitors.slipped[i] = min(max(monitors.slipped[i] + period * (excess - allowed), 0.0), MOST)
+    if judged and pull > AGREES:
+        free = 2.0 * _FORCE * floor.yields[i]
+        way = monitors.yielded[i] + monitors.slipped[i] + period * (excess - allowed)
+        monitors.slipped[i] = min(max(way - free, 0.0), MOST)
+        monitors.yielded[i] = min(max(way, 0.0), free)
     else:
         monitors.slipped[i] *= _FADES
+        monitors.yielded[i] *= _FADES
     monitors.excess[i], monitors.opposed[i] = excess, 0.0
-    if moving and excess > allowed and pull < AGREES:
+    if judged and excess > allowed and pull < AGREES:
         monitors.opposed[i] = excess if slip > most else -excess
     if excess > allowed and monitors.slipped[i] > 0.0:
         monitors.regained[i] = 0.0
-        grip = (abs(force) + _LITTLE) / (load * (_GRIP + CREEP_SLOPE * abs(slip)))
+        usual = _GRIP + CREEP_SLOPE * abs(slip)
+        if floor.stated:
+            usual = max(steady_ratio(traction, abs(slip), rolling, SMOOTHING), _LEAST_GRIP)
+        grip = (abs(force) + _LITTLE) / (load * usual)
         grip = min(max(grip, _LEAST_GRIP), 1.0)
         known = monitors.grip[i]
         monitors.grip[i] = grip if known == 1.0 else (1.0 - _NEWEST) * known + _NEWEST * grip
     share = math.copysign(max(abs(force) - _FORCE, 0.0), force) / (load * monitors.grip[i])
-    lost, monitors.lost_bristle[i] = next_creep(
-        share, monitors.lost_bristle[i], SOFT_FLOOR[0], SOFT_FLOOR[1], period
-    )
+    before = monitors.lost_bristle[i]
+    if floor.stated:
+        lost, monitors.lost_bristle[i] = creep_under(traction, share, rolling, SLOW_BRISTLE, before, period)
+    else:
+        lost, monitors.lost_bristle[i] = next_creep(share, before, SOFT_FLOOR[0], SOFT_FLOOR[1], period)
     would, shows = (lost - most, slip - most) if force > 0.0 else (least - lost, least - slip)
     if would > _SHOWS:
         variance = _COLOUR * (_SPREAD * _SPREAD + deviation * deviation)
         likelihood = would * (0.5 * would - max(shows, 0.0)) / variance
         monitors.regained[i] = max(monitors.regained[i] + min(likelihood, _AT_ONCE), 0.0)
+
+
+@kernel
+def _moments_of_others(forces, included, i):
+    """Sums of u_x², u_x u_y and u_y² over the included wheels but i."""
+    xx = xy = yy = 0.0
+    for j in range(included.size):
+        if j != i and included[j]:
+            xx, xy, yy = (
+                xx + forces[0, j] * forces[0, j],
+                xy + forces[0, j] * forces[1, j],
+                yy + forces[1, j] * forces[1, j],
+            )
+    return xx, xy, yy
 
 
 @kernel
@@ -230,18 +349,37 @@ def _is_dead_reckoning(robot, included, i):
     Little is a variance dᵀ(Σ d_j d_jᵀ)⁻¹d beyond `_SPREADS` times that of one wheel that drives along d.
     """
     forces = robot.forces
-    xx = xy = yy = 0.0
-    for j in range(included.size):
-        if j != i and included[j]:
-            xx, xy, yy = (
-                xx + forces[0, j] * forces[0, j],
-                xy + forces[0, j] * forces[1, j],
-                yy + forces[1, j] * forces[1, j],
-            )
+    xx, xy, yy = _moments_of_others(forces, included, i)
     if xx + yy == 0.0:
         return True
     x, y = forces[0, i], forces[1, i]
     return yy * x * x - 2.0 * xy * x * y + xx * y * y > _SPREADS * (xx * yy - xy * xy)
+
+
+@kernel
+def _creep_doubt(robot, included, creep, i):
+    """Standard deviation of the velocity along wheel i for errors of the other wheels' creep [m/s].
+
+    The velocity by the others is u_iᵀ (Σ u_j u_jᵀ)⁻¹ Σ u_j v_j; each v_j is off by `DOUBT` of the creep. That
+    error lasts, so that no filter averages it.
+
+    Args:
+      robot: `RobotConstants`.
+      included: Mask of the wheels used by the velocity estimate, shape (n,).
+      creep: Expected creep and its uncertainty, shape (n, 2) [m/s].
+      i: Wheel.
+    """
+    forces, total = robot.forces, 0.0
+    xx, xy, yy = _moments_of_others(forces, included, i)
+    det = xx * yy - xy * xy
+    if det <= 1e-6:
+        return 0.0
+    a, b = (yy * forces[0, i] - xy * forces[1, i]) / det, (xx * forces[1, i] - xy * forces[0, i]) / det
+    for j in range(included.size):
+        if j != i and included[j]:
+            part = (a * forces[0, j] + b * forces[1, j]) * DOUBT * creep[j, 0]
+            total += part * part
+    return math.sqrt(total)
 
 
 @kernel
@@ -263,9 +401,14 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
     deviation = speed_deviation(cov, robot.forces[0, i], robot.forces[1, i])
     if _is_dead_reckoning(robot, included, i):
         deviation *= _DRIFTS
+    load = traction.load
+    if robot.floor.stated:
+        load = effective_load(robot.floor, i, load / robot.load)
+        deviation = math.hypot(deviation, _creep_doubt(robot, included, traction.creep, i))
     ratio, slip = roller_ratio(robot, i), wheel_slip(robot, block, x, i)
-    contact = ContactSlip(traction.load / ratio, force, slip / ratio, deviation / ratio)
-    update_slip_monitor(block.duration, contact, yaw_rate, traction.moving, monitors, i)
+    contact = ContactSlip(load / ratio, force, slip / ratio, deviation / ratio, monitors.rolling[i])
+    judged = traction.moving and not traction.unknown[i]
+    update_slip_monitor(robot.floor, block.duration, contact, yaw_rate, judged, monitors, i)
 
     residual, usual = slip_residual(robot, block, traction.creep, x, i), abs(traction.creep[i, 0])
     ahead = residual if force >= 0.0 else -residual
@@ -277,9 +420,12 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
     floor = robot.forces[0, i] * x[0] + robot.forces[1, i] * x[1] + robot.forces[2, i] * yaw_rate
     pushed, margin = math.copysign(1.0, current), _SIGMAS * deviation
     stands = abs(speed) < _STANDS and abs(current) > _PUSHED
-    _count(monitors.stuck, i, stands and pushed * floor > _PASSES + margin)
-    # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
-    _count(monitors.stalled, i, stands and pushed * (floor + traction.creep[i, 0]) > _WOULD + margin)
+    weight = _standing_weight(parameters, abs(floor) * block.duration, i)
+    _count(monitors.stuck, i, stands and pushed * floor > _PASSES + margin, weight)
+    # what its motor would make of it, if it could turn: the floor's speed, and creep under this force; on a
+    # stated floor bristles hold a wheel at rest
+    creep = 0.0 if robot.floor.stated else traction.creep[i, 0]
+    _count(monitors.stalled, i, stands and pushed * (floor + creep) > _WOULD + margin, weight)
     _count(monitors.turning, i, abs(speed) > _TURNING)
 
     silent = abs(current) < _SILENT

@@ -17,6 +17,7 @@ from omnimj.control.detection.robust.force_balance import (
     columns,
     gear_column,
     lasting,
+    roller_speeds,
     rolling_velocity,
     whiten,
 )
@@ -65,7 +66,8 @@ def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, lo
         0.01,
     )
     known = HEALTHY if loss is None else HEALTHY._replace(losses=loss)
-    balance(robot, block, theta, known, x, rho, force, side)
+    roller_speeds(robot, block, np.zeros(2), side)
+    balance(robot, block, theta, known, side, x, rho, force)
     return x, rho
 
 

@@ -129,7 +129,8 @@ def counted(force, slip, blocks, before: WheelMonitors | None = None) -> WheelMo
     """Monitors of one wheel after some equal blocks."""
     monitors = WheelMonitors(*(a.copy() for a in (initial_monitors(1) if before is None else before)))
     for _ in range(blocks):
-        update_slip_monitor(PERIOD, ContactSlip(LOAD, force, slip, 0.0), 0.0, True, monitors, 0)
+        contact = ContactSlip(LOAD, force, slip, 0.0, 0.0)
+        update_slip_monitor(PARAMETERS.robot.floor, PERIOD, contact, 0.0, True, monitors, 0)
     return monitors
 
 
