@@ -73,6 +73,16 @@ def test_every_scenario_runs_alike_in_the_compiled_and_in_the_stepwise_loop(name
     assert_same(compiled, stepwise)
 
 
+def test_faults_on_a_stated_soft_floor_are_found_alike():
+    slip = "faults=[{ kind = 'slip', wheel = 1, onset = 1.5, grip = 0.05 }]"
+    scenario = read_scenario("soft_floor_circle", (slip,))
+    controller = make_diagnosing_controller(scenario, make_detector("robust", scenario))
+    plan = cut(scenario.robot_drive.reference, round(2.5 / scenario.period))
+    compiled, stepwise = both(lambda: make_plant(scenario, "planar", 3), controller, plan)
+    assert_same(compiled, stepwise)
+    assert compiled.about["diagnoses"]
+
+
 FAULTS = (
     Fault("slip", 1.0, 2.0, 1, {"grip": 0.1}),
     Fault("free", 2.0, None, 2, {}),
