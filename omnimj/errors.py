@@ -7,6 +7,7 @@ current.
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Callable, Iterable, Sequence
 
 _LONGEST = 200  # a finding may be a whole table or all the text of a file
@@ -31,14 +32,14 @@ class InputError(OmnimjError, ValueError):
             message += f"; choices: {', '.join(names)}"
         super().__init__(message)
 
-    def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], str]]:
+    def __reduce__(self) -> tuple[Callable[..., OmnimjError], tuple[type[OmnimjError], str]]:
         """Travel between processes as kind and message: workers report errors, too."""
         return _with_message, (type(self), str(self))
 
 
-def _with_message(kind: type[InputError], message: str) -> InputError:
-    error = kind.__new__(kind)
-    Exception.__init__(error, message)
+def _with_message(kind: type[OmnimjError], message: str) -> OmnimjError:
+    error = kind.__new__(kind, message)
+    error.args = (message,)
     return error
 
 
@@ -50,6 +51,27 @@ class UnknownNameError(InputError, LookupError):
         close = difflib.get_close_matches(str(name), names, n=1)
         hint = f"did you mean '{close[0]}'?" if close else ""
         super().__init__(place, f"unknown {kind} {name!r}", hint, names)
+
+
+class OutputError(OmnimjError, OSError):
+    """A file that cannot be written: a full disk, a missing right.
+
+    The message is one line: the place, the reason, what can be done.
+    """
+
+    def __init__(self, place: object, reason: str, rule: str = ""):
+        super().__init__(f"{place}: cannot be written, {reason}{f'; {rule}' if rule else ''}")
+
+    def __reduce__(self) -> tuple[Callable[..., OmnimjError], tuple[type[OmnimjError], str]]:
+        """Travel between processes as kind and message."""
+        return _with_message, (type(self), str(self))
+
+
+def write_failure(place: object, error: OSError, rule: str = "") -> OutputError:
+    """Return the error that reports what cannot be written, with the system's reason."""
+    if isinstance(error, OutputError):
+        return error
+    return OutputError(place, os.strerror(error.errno).lower() if error.errno else str(error), rule)
 
 
 class DataFaultError(InputError):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from omnimj.control.gains import Gains, ObserverGains
@@ -230,7 +230,8 @@ def require_writable(file: Path, force: bool) -> None:
     """Check before the work that `--out FILE` can be written; missing folders are created later.
 
     Raises:
-      InputError: The file exists and `force` is false, or it cannot be written.
+      InputError: The file exists and `force` is false, or it is a folder.
+      OutputError: Its folder is read-only.
     """
     place = f"--out {file}"
     if file.is_dir() or not file.name:
@@ -241,7 +242,7 @@ def require_writable(file: Path, force: bool) -> None:
     if not nearest.is_dir():
         raise InputError(place, f"cannot be made, {nearest} is a file", "a folder is needed")
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
+        raise OutputError(place, f"{nearest} is read-only", "choose another folder")
 
 
 def add_key(parser: argparse.ArgumentParser) -> None:

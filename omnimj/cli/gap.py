@@ -127,18 +127,22 @@ def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputE
 
 
 def _write_and_print(arguments: Any, finding: Finding) -> int:
-    """Write and print the finding, also that of an interrupted search."""
-    command = command_line(arguments)
+    """Print and write the finding, also that of an interrupted search: a full disk must not cost it."""
+    from omnimj.estimate.gap.files import digest
+
     texts, refused = _new_texts(arguments, finding)
-    content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
+    model = next((name for name in (MJCF_MODEL, MODEL) if name in texts), None)
+    content = digest(finding, model, FLOORS if FLOORS in texts else None, command_line(arguments))
+    failed = finding.failure and finding.failure != _BY_CTRL_C
+    if refused is None and not failed:
+        print(format_json(content) if arguments.json else format_finding(finding), flush=True)
+    write_outputs(arguments.out, arguments.force, finding, arguments.model, content, texts)
     if refused is not None:
         raise refused
-    if finding.failure and finding.failure != _BY_CTRL_C:
+    if failed:
         raise SimulationError(f"{finding.failure}; everything found until then is in {arguments.out}")
-    if arguments.json:
-        print(format_json(content))
-    else:
-        print(format_finding(finding, arguments.out, content))
+    if not arguments.json:
+        print(f"\n{_format_written(arguments.out, content)}")
     return exit_code(finding.failure)
 
 
@@ -147,9 +151,9 @@ def write_outputs(
     force: bool,
     finding: Finding,
     machine_file: Path | None,
-    command: str,
+    content: Mapping[str, Any],
     texts: Mapping[str, str],
-) -> dict[str, Any]:
+) -> None:
     """Write model, floors, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all.
 
     Args:
@@ -157,46 +161,41 @@ def write_outputs(
       force: Whether the files of an earlier search may be replaced.
       finding: Result of the search.
       machine_file: Model file that the search began with; None for the shipped one.
-      command: Command line that repeats the search.
+      content: Content of `gap.json`.
       texts: Contents of the new model and of `FLOORS`, where something was added or refitted.
 
-    Returns:
-      Content of `gap.json`.
-
     Raises:
-      InputError: The folder is not empty and `force` is false, or it cannot be written.
+      InputError: The folder is not empty and `force` is false.
+      OutputError: A file cannot be written.
     """
-    from omnimj.estimate.gap.files import digest
     from omnimj.recording.folder import atomic_file, make_folder
-    from omnimj.recording.json_files import write_json
+    from omnimj.recording.json_files import write_json, write_text
     from omnimj.view.report.gap import write_gap_report
     from omnimj.view.rerun.before_after import has_scene, write_before_after
 
     make_folder(folder, force, FILES)
     for name in (MODEL, MJCF_MODEL, FLOORS):
         if name in texts:
-            with atomic_file(folder / name) as temporary:
-                temporary.write_text(texts[name], encoding="utf-8")
+            write_text(folder / name, texts[name])
         else:  # a file of an earlier search, which `force` replaces
             (folder / name).unlink(missing_ok=True)
-    model = next((name for name in (MJCF_MODEL, MODEL) if name in texts), None)
-    floors = FLOORS if FLOORS in texts else None
-    content = digest(finding, model, floors, command)
     write_json(folder / DIGEST, content)
     with atomic_file(folder / REPORT) as temporary:
-        write_gap_report(temporary, finding, model, floors, command)
+        write_gap_report(temporary, finding, content["model"], content["floors"], content["command"])
     if finding.overlays and has_scene(finding.plant):
-        with atomic_file(folder / RECORDING) as temporary:
-            write_before_after(temporary, finding, machine_file)
-    return content
+        write_before_after(folder / RECORDING, finding, machine_file)
 
 
-def format_finding(finding: Finding, folder: Path, content: Mapping[str, Any]) -> str:
+def _format_written(folder: Path, content: Mapping[str, Any]) -> str:
+    new = [f"the new model is {folder / content['model']}"] if content["model"] else []
+    new += [f"the refitted floors are {folder / content['floors']}"] if content["floors"] else []
+    return "; ".join([f"written to {folder}", *new])
+
+
+def format_finding(finding: Finding) -> str:
     """Format data check, verdict, location and size of the gap, missing effects and next step."""
     from omnimj.estimate.gap import sentences
 
-    new = [f"the new model is {folder / content['model']}"] if content["model"] else []
-    new += [f"the refitted floors are {folder / content['floors']}"] if content["floors"] else []
     parts = [
         format_data_faults(finding.data_faults),
         f"{sentences.headline(finding)}\n{sentences.summarize_finding(finding)}",
@@ -205,7 +204,6 @@ def format_finding(finding: Finding, folder: Path, content: Mapping[str, Any]) -
         _format_effects(finding),
         _format_gaps(finding),
         _format_next(finding),
-        "; ".join([f"written to {folder}", *new]),
     ]
     return "\n\n".join(part for part in parts if part)
 

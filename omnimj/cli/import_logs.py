@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import FAILED, Command, command_line
 from omnimj.cli.terminal import ProgressBar, format_json, format_table
-from omnimj.errors import InputError
 
 if TYPE_CHECKING:
     from omnimj.recording.importing.workflow import ImportPlan
@@ -84,6 +83,7 @@ def run(arguments: Any) -> int:
 
 def _write_proposal(plan: ImportPlan, arguments: Any) -> str:
     """Write the proposed mapping, unless an earlier one is there; return what was done in words."""
+    from omnimj.errors import write_failure
     from omnimj.recording.importing.mapping_text import mapping_text
     from omnimj.recording.json_files import write_text
 
@@ -95,8 +95,7 @@ def _write_proposal(plan: ImportPlan, arguments: Any) -> str:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_text(file, mapping_text(plan.proposal))
     except OSError as error:
-        rule = "choose another file with --mapping"
-        raise InputError(file, f"cannot be written ({error.strerror})", rule) from None
+        raise write_failure(file, error, "choose another file with --mapping") from None
     return f"proposed mapping written to {file}: check it, then give it with --mapping"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import re
 import sys
@@ -44,6 +45,16 @@ All commands: omnimj --help. One of them, with examples: omnimj run --help.
 """
 
 BAD_INPUT, NO_ANSWER, NO_READER = 2, 3, 141
+_REFUSED_BY_SYSTEM = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EIO,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+)
+"""Full disk, quota, size limit, failing disk, missing right."""
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, TELEOP),
     "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
@@ -127,9 +138,8 @@ def main(argv: Sequence[str] | None = None) -> int:
       argv: Arguments without the program's name; those of the process when None.
 
     Returns:
-      0 on success; 1 if a check or a simulation failed; 2 on invalid input or a file that cannot be read or
-      written; 3 if a robot behind a link does not answer; 130 on Ctrl-C; 141 if the reader of the output
-      closed the pipe.
+      0 on success; 1 if a check or a simulation failed, or a file cannot be written; 2 on invalid input; 3 if
+      a robot behind a link does not answer; 130 on Ctrl-C; 141 if the reader of the output closed the pipe.
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
@@ -149,9 +159,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the pipe, such as head, has closed it
         drop_output()
         return code
-    except OSError as error:  # for example an unreadable file or a full disk
+    except OSError as error:  # for example an impossible file name, or standard output on a full disk
         drop_output()
-        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
+        code = FAILED if error.errno in _REFUSED_BY_SYSTEM else BAD_INPUT
+        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), code)
 
 
 def _run(given: list[str]) -> int:

@@ -173,21 +173,22 @@ def _wire(arguments: Any, scenario: Any) -> LinkOptions | None:
 
 
 def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, others: Comparison) -> None:
-    """Write and print a run of at least two rows, complete or not."""
+    """Print and write a run of at least two rows, complete or not: a full disk must not cost the result."""
     failure = finished.trace.about["failure"]
     finished.metrics["failure"] = failure
     finished.metrics["command"] = command_line(arguments)
     if others.runs:
         finished.metrics["compared"] = comparison_metrics(others)
-    if arguments.out is not None:
-        # the folder already holds the frames of the link
-        write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
     if not failure:
         from omnimj.cli.run_summary import format_run
 
-        print(
-            json.dumps(finished.metrics, indent=2) if arguments.json else format_run(finished, arguments.out)
-        )
+        text = json.dumps(finished.metrics, indent=2) if arguments.json else format_run(finished)
+        print(text, flush=True)
+    if arguments.out is not None:
+        # the folder already holds the frames of the link
+        write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
+        if not failure and not arguments.json:
+            print(f"written to {arguments.out}")
     print_failures(others)
     if live is not None:
         live.finish(finished)
@@ -330,7 +331,8 @@ def write_outputs(
       others: Runs of the same scenario with other methods, by method.
 
     Raises:
-      InputError: The folder is not empty and `force` is false, or it cannot be written.
+      InputError: The folder is not empty and `force` is false.
+      OutputError: A file cannot be written.
     """
     from omnimj.recording.folder import RUN_FILES, make_folder
     from omnimj.recording.traces import write_trace

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.terminal import format_table, format_value
@@ -60,7 +59,7 @@ def _format_results(metrics: Mapping[str, Any], units: Mapping[str, str]) -> str
     return "\n".join(("no checks", *([format_table(("result", "value"), found)] if found else [])))
 
 
-def format_run(finished: RunResult, out: Path | None) -> str:
+def format_run(finished: RunResult) -> str:
     """Format scenario, table of checks, diagnoses and verdict of a run for the terminal."""
     metrics, units = finished.metrics, finished.scenario.metric_units
     scenario = finished.scenario
@@ -92,8 +91,6 @@ def format_run(finished: RunResult, out: Path | None) -> str:
         lines.append("interrupted")
     else:
         lines.append(_verdict(metrics["checks"]))
-    if out is not None:
-        lines.append(f"written to {out}")
     return "\n".join(lines)
 
 

@@ -93,6 +93,7 @@ def run(arguments: Any) -> int:
       SimulationError: A worker died or a trial failed; finished trials are kept.
     """
     from omnimj.recording.folder import atomic_file
+    from omnimj.recording.json_files import write_text
     from omnimj.studies.executors import open_executor
     from omnimj.studies.tuning.reporting import format_gains_file
     from omnimj.studies.tuning.study import check_config, run_tuning
@@ -117,11 +118,13 @@ def run(arguments: Any) -> int:
         return INTERRUPTED
     note_compiled(config.plant, "uto_robot")
     command = command_line(arguments)
-    with atomic_file(config.out) as temporary:
-        temporary.write_text(format_gains_file(outcome, command), encoding="utf-8")
+    text = json.dumps(_as_plain(outcome), indent=2) if arguments.json else _format_tuning(outcome)
+    print(text, flush=True)  # first: a full disk must not cost the result
+    write_text(config.out, format_gains_file(outcome, command))
     with atomic_file(report) as temporary:
         write_tuning_report(temporary, outcome, command)
-    print(json.dumps(_as_plain(outcome), indent=2) if arguments.json else _format_tuning(outcome, report))
+    if not arguments.json:
+        print(f"\nwritten to {config.out} and {report}")
     return 0 if outcome.is_better else 1
 
 
@@ -155,7 +158,7 @@ def _config(arguments: Any) -> TuningConfig:
     )
 
 
-def _format_tuning(outcome: TuningResult, report: Path) -> str:
+def _format_tuning(outcome: TuningResult) -> str:
     """Format gains before and after, their scores on the judging seeds, and the verdict."""
     from omnimj.studies.tuning.reporting import comparison_rows, format_verdict
 
@@ -168,7 +171,6 @@ def _format_tuning(outcome: TuningResult, report: Path) -> str:
         words = f"judged with seed {verdict.seed}, {verdict.draws} runs on the {verdict.plant} plant"
         parts.append(f"{words}\n{format_table(('', 'before', 'tuned'), comparison_rows(verdict))}")
     parts.append(format_verdict(outcome))
-    parts.append(f"written to {outcome.config.out} and {report}")
     return "\n\n".join(parts)
 
 

@@ -103,8 +103,7 @@ def _write(arguments: Any, found: DriveValidation, content: dict[str, Any], robo
         write_drives_report(temporary, found, content["command"])
     shown = [run for run in found.runs if run.run == arguments.recording and run.plant == found.plants[0]]
     for run in shown:
-        with atomic_file(out / RECORDING) as temporary:
-            write_side_by_side(temporary, run, robot)
+        write_side_by_side(out / RECORDING, run, robot)
 
 
 def format_drives(found: DriveValidation, out: Path) -> str:

@@ -30,7 +30,10 @@ CONDITION_KEYS = ("floor", "start_floors", "mass", "repeat_of", "description", "
 POSE_MEASURED = "pose_measured"
 """Further key of [defaults], for robots: x, y and heading were measured, an inertial unit is not needed."""
 
-_TOP = ("plant", "model", "wheels", "description", "defaults", "columns", "runs")
+PLANNED_RUNS = "planned_runs"
+"""Key of the number of runs that the dataset was to have; it is incomplete with fewer."""
+_TOP = ("plant", "model", "wheels", "description", PLANNED_RUNS, "defaults", "columns", "runs")
+_COUNT = Rule(1.0, 1e6, False)
 _POSITIVE = Rule(0.0, math.inf, True)
 _WHEELS = Rule(MIN_WHEELS, MAX_WHEELS, False)
 _FINITE = Rule(-math.inf, math.inf, False)
@@ -67,6 +70,8 @@ class DatasetFile:
     """Whether the file states the number of wheels; otherwise it follows from the columns of the runs."""
     model: Path | None = None
     """MJCF file of the machine; relative to the dataset's folder in the file."""
+    planned_runs: int = 0
+    """Number of runs that the dataset was to have; 0 if the file does not state it."""
 
     @property
     def columns(self) -> PlantColumns:
@@ -138,7 +143,14 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
         pose_measured,
         states_wheels,
         _model(path, tree, plant),
+        _planned_runs(path, tree),
     )
+
+
+def _planned_runs(path: Path, tree: Mapping[str, Any]) -> int:
+    if PLANNED_RUNS not in tree:
+        return 0
+    return int(check_number(f"{path}: {PLANNED_RUNS}", tree[PLANNED_RUNS], _COUNT, whole=True))
 
 
 def _model(path: Path, tree: Mapping[str, Any], plant: str) -> Path | None:

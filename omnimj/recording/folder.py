@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, OutputError, write_failure
 
 RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
 """Files of a run, in the order in which they are written."""
@@ -21,23 +21,25 @@ def check_folder(folder: Path, force: bool) -> None:
       force: Accept a folder that is not empty.
 
     Raises:
-      InputError: The folder is not empty and `force` is false, the path leads through a file, or the folder
-        cannot be written.
+      InputError: The folder is not empty and `force` is false, or the path leads through a file.
+      OutputError: The folder cannot be written.
     """
     place = f"--out {folder}"
     try:
         folder.stat()
     except (FileNotFoundError, NotADirectoryError):
         pass
+    except PermissionError as error:
+        raise write_failure(place, error) from None
     except OSError as error:  # for example a name too long
-        raise InputError(place, f"cannot be written ({error.strerror})") from None
+        raise InputError(place, f"is not possible ({error.strerror})") from None
     nearest = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
     if not nearest.is_dir():
         kind = "a file" if nearest.exists() else "a link that leads nowhere"
         found = f"is {kind}" if nearest == folder else f"cannot be made, {nearest} is {kind}"
         raise InputError(place, found, "a folder is needed")
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
+        raise OutputError(place, f"{nearest} is read-only", "choose another folder")
     if nearest != folder:
         return
     try:
@@ -60,7 +62,8 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
       files: Names of the files to remove.
 
     Raises:
-      InputError: As in `check_folder`, or the folder cannot be created.
+      InputError: As in `check_folder`.
+      OutputError: As in `check_folder`, or the folder cannot be created.
     """
     check_folder(folder, force)
     try:
@@ -69,7 +72,7 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
             # an old report beside a new trace would be a mixture of two runs
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"--out {folder}", f"cannot be written ({error.strerror})") from None
+        raise write_failure(f"--out {folder}", error) from None
 
 
 @contextmanager
@@ -77,10 +80,16 @@ def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary path in the same folder, renamed to `path` when the block succeeds.
 
     The suffix is kept, since it determines the format; after a failure the file is removed.
+
+    Raises:
+      OutputError: The file cannot be written, for example since the disk is full.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
+    except OSError as error:
+        raise write_failure(path, error) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # the folder has become read-only: the reason is already reported
+            temporary.unlink(missing_ok=True)

@@ -58,9 +58,14 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
     _require_used_renames(about, runs)
     _require_consistent_repeats(about, [run for run, _ in runs])
     masked, notes = mask_runs(about.columns, [run for run, _ in runs], about.pose_measured)
-    return Dataset(
-        path, about.plant, tuple(masked), tuple(notes), about.wheels, about.pose_measured, about.model
-    )
+    notes = (*_incomplete_note(about, len(runs)), *notes)
+    return Dataset(path, about.plant, tuple(masked), notes, about.wheels, about.pose_measured, about.model)
+
+
+def _incomplete_note(about: DatasetFile, runs: int) -> tuple[str, ...]:
+    if runs >= about.planned_runs:
+        return ()
+    return (f"the dataset is incomplete: {runs} of {about.planned_runs} planned runs were recorded",)
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:

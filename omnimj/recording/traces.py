@@ -28,13 +28,10 @@ def write_trace(path: Path, trace: Trace) -> None:
       trace: Trace of one run.
 
     Raises:
-      InputError: The file cannot be written.
+      OutputError: The file cannot be written.
     """
-    try:
-        with atomic_file(path) as temporary:
-            write_parquet(temporary, trace.columns, {_ABOUT: json.dumps(dict(trace.about)).encode()})
-    except OSError as error:
-        raise InputError(path, f"cannot be written ({error.strerror or error})") from None
+    with atomic_file(path) as temporary:
+        write_parquet(temporary, trace.columns, {_ABOUT: json.dumps(dict(trace.about)).encode()})
 
 
 def read_trace(path: Path) -> Trace:

@@ -12,11 +12,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError, UnknownNameError, write_failure
 from omnimj.parameters.reading import read_toml
 from omnimj.recording.dataset import ROBOT_WHEELS, Run
-from omnimj.recording.dataset_file import DATASET_FILE
+from omnimj.recording.dataset_file import DATASET_FILE, PLANNED_RUNS
 from omnimj.recording.folder import atomic_file, check_folder
+from omnimj.recording.json_files import write_text
 from omnimj.recording.run_table import TABLE_SUFFIXES, write_parquet
 
 FORMATS = ("parquet", "csv")
@@ -38,6 +39,7 @@ class DatasetWriter:
         defaults: Mapping[str, float | str],
         force: bool = False,
         table_format: str = "parquet",
+        planned: int = 0,
     ):
         """Check that the dataset can be written, without writing anything yet.
 
@@ -47,9 +49,12 @@ class DatasetWriter:
           defaults: Conditions of every run unless the run states its own.
           force: Replace an earlier dataset that omnimj wrote.
           table_format: `parquet` or `csv`.
+          planned: Number of runs that will be added, so that an unfinished dataset is known as such; 0 if
+            unknown.
 
         Raises:
-          InputError: The folder is not empty, holds runs of another origin, or cannot be written.
+          InputError: The folder is not empty, or holds runs of another origin.
+          OutputError: The folder cannot be written.
           UnknownNameError: The format does not exist.
         """
         if table_format not in FORMATS:
@@ -58,6 +63,7 @@ class DatasetWriter:
         self._old = _earlier_files(folder)
         self._folder, self._plant, self._defaults = folder, plant, dict(defaults)
         self._ending = f".{table_format}"
+        self._planned = planned
         self._runs: dict[str, Run] = {}
 
     def add(self, run: Run) -> None:
@@ -67,30 +73,28 @@ class DatasetWriter:
           run: Run to write; its name becomes the stem of the file name.
 
         Raises:
-          InputError: The name is taken or not valid as a file name, or the file cannot be written.
+          InputError: The name is taken or not valid as a file name.
+          OutputError: A file cannot be written.
         """
         _require_file_name(run.name)
         if run.name in self._runs:
             raise InputError(f"run {run.name!r}", "occurs twice")
-        try:
-            if not self._runs:
-                self._begin()
-            with atomic_file(self._folder / f"{run.name}{self._ending}") as temporary:
-                write_table(temporary, run)
-            self._runs[run.name] = run
-            with atomic_file(self._folder / DATASET_FILE) as temporary:
-                text = dataset_text(self._plant, self._defaults, self._runs.values())
-                temporary.write_text(text, encoding="utf-8", newline="\n")
-        except OSError as error:
-            raise InputError(
-                f"--out {self._folder}", f"cannot be written ({error.strerror or error})"
-            ) from None
+        if not self._runs:
+            self._begin()
+        with atomic_file(self._folder / f"{run.name}{self._ending}") as temporary:
+            write_table(temporary, run)
+        self._runs[run.name] = run
+        text = dataset_text(self._plant, self._defaults, self._runs.values(), self._planned)
+        write_text(self._folder / DATASET_FILE, text)
 
     def _begin(self) -> None:
         """Create the folder and remove an earlier dataset, its `dataset.toml` first."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        for file in self._old:
-            file.unlink(missing_ok=True)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            for file in self._old:
+                file.unlink(missing_ok=True)
+        except OSError as error:
+            raise write_failure(f"--out {self._folder}", error) from None
 
 
 def write_dataset(
@@ -112,20 +116,24 @@ def write_dataset(
       table_format: `parquet` or `csv`.
 
     Raises:
-      InputError: As in `DatasetWriter`.
+      InputError, OutputError: As in `DatasetWriter`.
     """
     writer = DatasetWriter(folder, plant, defaults, force, table_format)
     for run in runs:
         writer.add(run)
 
 
-def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
+def dataset_text(
+    plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run], planned: int = 0
+) -> str:
     """Return the text of `dataset.toml`, with the conditions of each run that differ from the defaults."""
     runs = list(runs)
     lines = [_SIGNATURE, f"plant = {toml_text(plant)}"]
     wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
     if plant == "uto_robot" and wheels not in (0, ROBOT_WHEELS):
         lines.append(f"wheels = {wheels}")
+    if planned:
+        lines.append(f"{PLANNED_RUNS} = {planned}")
     if defaults:
         lines += ["", "[defaults]", *(f"{key} = {toml_text(value)}" for key, value in defaults.items())]
     for run in runs:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.plant.faults import fault_record
-from omnimj.recording.folder import atomic_file
+from omnimj.recording.json_files import write_text
 from omnimj.signals import Trace
 from omnimj.simulate.judging import judge_diagnoses, patch_records
 from omnimj.simulate.metrics import DIAGNOSIS_UNITS, compute_metrics
@@ -74,8 +74,7 @@ def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
 
 def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
     """Write `metrics.json`; the file is complete or does not exist."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(metrics, indent=2, allow_nan=False) + "\n")
 
 
 def _diagnosis(

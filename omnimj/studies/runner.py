@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, write_failure
 from omnimj.recording.folder import check_folder
 from omnimj.recording.json_files import to_jsonable, write_json
 from omnimj.studies.workers import Progress, WorkerPool, run_in_workers
@@ -55,7 +55,8 @@ def run_study(study: Study[Result_co], report: Progress, executor: Executor | No
       The study's result, also after Ctrl-C.
 
     Raises:
-      InputError: The configuration breaks a rule, or the folder belongs to something else or is read-only.
+      InputError: The configuration breaks a rule, or the folder belongs to something else.
+      OutputError: A file cannot be written; finished results are kept.
       SimulationError: A worker died; finished results are kept.
     """
     study.prepare()
@@ -87,7 +88,8 @@ class StudyFolder:
           True if the folder held this plan already.
 
         Raises:
-          InputError: The folder holds another plan or something else, or cannot be written.
+          InputError: The folder holds another plan or something else.
+          OutputError: The folder cannot be written.
         """
         wanted, file = json.loads(json.dumps(to_jsonable(plan))), self.path / self.plan_file
         if file.is_file():
@@ -104,7 +106,7 @@ class StudyFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             write_json(file, wanted)
         except OSError as error:
-            raise InputError(f"--out {self.path}", f"cannot be written ({error.strerror})") from None
+            raise write_failure(f"--out {self.path}", error) from None
         return False
 
     def _delete_contents(self) -> None:

@@ -234,7 +234,7 @@ def test_an_output_folder_without_write_permission_is_refused_in_one_line(
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     (tmp_path / "shut").mkdir()
     for out in ("shut", "shut/a/run"):
-        message = refused(*ON_ROBOT, "--out", str(tmp_path / out))
+        message = refused(*ON_ROBOT, "--out", str(tmp_path / out), code=1)
         assert f"cannot be written, {tmp_path / 'shut'} is read-only" in message
 
 

@@ -129,7 +129,7 @@ def test_accepted_runs_are_identified_in_metres_per_second(rig, tmp_path, capsys
     assert content["data_faults"][0]["sure"] is True
 
 
-def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json(tmp_path):
+def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json():
     likely = {
         "channel": "carriage_acceleration",
         "kind": "bias",
@@ -141,7 +141,7 @@ def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json(tmp_path)
     }
     finding = replace(rig_named(), data_faults=(likely,))
     content = digest(finding, "model.toml")
-    text = format_finding(finding, tmp_path, content)
+    text = format_finding(finding)
     assert text.index("off by +0.200") < text.index("Named: lateral_coupling")
     assert "likely" in text and content["data_faults"] == [likely]
     jsonschema.validate(json.loads(json.dumps(content)), SCHEMA)

@@ -48,7 +48,7 @@ def test_the_plots_that_come_first_are_those_of_the_scenarios_faults_floor_and_d
 
 def test_a_path_is_seen_from_above_and_a_ramp_from_the_side():
     names = ("circle_8m", "square_path", "three_wheel_circle", "ramp", "nylon_patch", "rig_slip")
-    views = {name: (subject(name).backward_elimination, subject(name).from_the_side) for name in names}
+    views = {name: (subject(name).from_above, subject(name).from_the_side) for name in names}
     paths = dict.fromkeys(("circle_8m", "square_path", "three_wheel_circle"), (True, False))
     assert views == {
         **paths,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, write_failure
 from omnimj.link.codec.layout import TAG_SIZE, DropReason
 
 KEY_SIZE = 32
@@ -141,12 +141,13 @@ def make_key_file(path: str | Path) -> None:
     """Write a new random key to a new file with mode 0600.
 
     Raises:
-      InputError: The file exists or cannot be written.
+      InputError: The file exists.
+      OutputError: It cannot be written.
     """
     try:
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             file.write(secrets.token_hex(KEY_SIZE).encode("ascii") + b"\n")
+    except FileExistsError:
+        raise InputError(path, "exists already", "a key file is always a new file") from None
     except OSError as error:
-        raise InputError(
-            path, f"cannot be made ({error.strerror})", "a key file is always a new file"
-        ) from None
+        raise write_failure(path, error) from None

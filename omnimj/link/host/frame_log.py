@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, write_failure
 from omnimj.link.codec.frames import decode
 from omnimj.link.codec.layout import CHECKSUM_SIZE, HEADER, MAX_FRAME_SIZE, TAG_SIZE, TAGGED, DropReason
 from omnimj.link.codec.messages import Frame
@@ -52,14 +52,17 @@ class FrameLog:
           about: Description of the run.
 
         Raises:
-          InputError: The file exists or cannot be written.
+          InputError: The file exists.
+          OutputError: It cannot be written.
         """
         text = json.dumps(dict(about)).encode()
         try:
             self._file = path.open("xb", buffering=0)
             self._file.write(_MAGIC + _LENGTH.pack(len(text)) + text)
+        except FileExistsError:
+            raise InputError(path, "exists already", "a log is a new file") from None
         except OSError as error:
-            raise InputError(path, f"cannot be written ({error.strerror})") from None
+            raise write_failure(path, error) from None
         self._pending, self._last_write = bytearray(), 0.0
         self._dropped, self._is_open = 0, True
         self.failed = ""

@@ -253,7 +253,7 @@ def write_import(
         lacking = (*plan.proposal.missing, *(f"a scale of {name}" for name in plan.proposal.unclear))
         raise InputError(f"--out {out}", "is not written", f"the mapping lacks {', '.join(lacking)}")
     shared = {key: value for key, value in mapping.defaults.items() if FOLDER not in str(value)}
-    writer = DatasetWriter(out, mapping.plant, shared, force, table_format)
+    writer = DatasetWriter(out, mapping.plant, shared, force, table_format, len(plan.runs))
     for run in plan.runs:
         writer.add(run)
     write_text(out / MAPPING_FILE, mapping_text(replace(plan.proposal, remarks={}, hints=())))

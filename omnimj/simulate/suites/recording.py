@@ -92,7 +92,7 @@ def record_suite(
     defaults, floors = _common_conditions(runs), all_floors(config.floors_file)
     if config.pose_rate is not None:
         defaults = defaults | {POSE_MEASURED: True}
-    writer = DatasetWriter(config.folder, suite.plant, defaults, config.force, config.table_format)
+    writer = DatasetWriter(config.folder, suite.plant, defaults, config.force, config.table_format, len(runs))
     written, samples = [], 0
     try:
         for k, run in enumerate(runs):

@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, write_failure
+from omnimj.recording.folder import atomic_file
 
 _KEY, _TAG = 32, 32  # bytes
 
@@ -24,7 +25,8 @@ def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
     """Write `labels.sealed` and `labels.key`, which only its owner can read.
 
     Raises:
-      InputError: The folder cannot be written, or has a seal already.
+      InputError: The folder has a seal already.
+      OutputError: The folder cannot be written.
     """
     sealed, key_file = _files(folder)
     key = secrets.token_bytes(_KEY)
@@ -36,9 +38,12 @@ def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
         handle = os.open(key_file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(handle, "wb") as file:
             file.write(key)
-        sealed.write_bytes(_tag(key, text) + hidden)
+        with atomic_file(sealed) as temporary:
+            temporary.write_bytes(_tag(key, text) + hidden)
+    except FileExistsError:
+        raise InputError(key_file, "exists already", "a seal is made once") from None
     except OSError as error:
-        raise InputError(f"{folder}", f"cannot be written ({error.strerror})") from None
+        raise write_failure(folder, error) from None
 
 
 def is_sealed(folder: Path) -> bool:

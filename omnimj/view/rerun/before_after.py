@@ -27,6 +27,7 @@ from omnimj.view import palette
 from omnimj.view.poses import Poses
 from omnimj.view.rerun import dead_reckoning
 from omnimj.view.rerun.dead_reckoning import Motion
+from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import Machine, log_floor, time_column
 
 _GREY = "#A7AFB8"  # visible on dark plots and on the light floor
@@ -236,29 +237,27 @@ def write_before_after(path: Path, finding: Finding, machine_file: Path | None =
       machine_file: Model file of the plant, for its appearance; None for the shipped one.
     """
     # a separate application id, since the viewer keeps one layout per application
-    stream = rr.RecordingStream(f"omnimj_gap_{sentences.dataset_name(finding)}")
-    stream.save(path)
-    shown = shown_runs(finding)
-    kinds = tuple(kind for kind in COLORS if kind != "after" or has_second_model(finding))
-    plots = _plotted(finding, shown)
-    scene = make_scene(stream, finding, kinds, machine_file)
-    stream.send_blueprint(_blueprint(finding, scene, shown, plots), make_active=False)
-    stream.send_recording_name(f"Gap of {sentences.dataset_name(finding)}")
-    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    words = rr.TextDocument(_about(finding, shown, kinds), media_type="text/markdown")
-    stream.log("about", words, static=True)
-    for kind in kinds:
-        log_place(stream, scene, kind)
-    offsets = np.array([[0.0, offset(scene, kind)] for kind in kinds])
-    corners = (scene.floor[:, None, :] + offsets[None, :, :]).reshape(-1, 2)
-    log_floor(stream, corners, (), "floor")
-    _log_styles(stream, finding, kinds, plots)
-    for run, windows in shown.items():
-        motion = scene.motion(windows)
+    with recording_file(path, f"omnimj_gap_{sentences.dataset_name(finding)}") as stream:
+        shown = shown_runs(finding)
+        kinds = tuple(kind for kind in COLORS if kind != "after" or has_second_model(finding))
+        plots = _plotted(finding, shown)
+        scene = make_scene(stream, finding, kinds, machine_file)
+        stream.send_blueprint(_blueprint(finding, scene, shown, plots), make_active=False)
+        stream.send_recording_name(f"Gap of {sentences.dataset_name(finding)}")
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        words = rr.TextDocument(_about(finding, shown, kinds), media_type="text/markdown")
+        stream.log("about", words, static=True)
         for kind in kinds:
-            scene.log(kind, motion, run)
-        _log_signals(stream, finding, run, windows, kinds, plots)
-    stream.disconnect()
+            log_place(stream, scene, kind)
+        offsets = np.array([[0.0, offset(scene, kind)] for kind in kinds])
+        corners = (scene.floor[:, None, :] + offsets[None, :, :]).reshape(-1, 2)
+        log_floor(stream, corners, (), "floor")
+        _log_styles(stream, finding, kinds, plots)
+        for run, windows in shown.items():
+            motion = scene.motion(windows)
+            for kind in kinds:
+                scene.log(kind, motion, run)
+            _log_signals(stream, finding, run, windows, kinds, plots)
 
 
 def _plotted(finding: Finding, shown: Mapping[str, Sequence[Overlay]]) -> list[int]:

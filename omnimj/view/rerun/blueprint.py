@@ -34,7 +34,7 @@ class Focus:
     """First plots from top to bottom, as names under `plots/`."""
     wheels: tuple[int, ...] = ()
     """Wheels 1 … n with bold lines; empty if all lines are equal."""
-    backward_elimination: bool = False
+    from_above: bool = False
     """True to show the path from above, beside the machine."""
     from_the_side: bool = False
     """True for a first camera at the side, where slopes are visible."""

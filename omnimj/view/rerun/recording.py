@@ -13,7 +13,6 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from omnimj.parameters import Rig
-from omnimj.recording.folder import atomic_file
 from omnimj.signals import Trace
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.scenario import Scenario
@@ -21,6 +20,7 @@ from omnimj.view import wording
 from omnimj.view.motion import planned_position
 from omnimj.view.poses import Poses, visible_poses
 from omnimj.view.rerun.blueprint import Eye, focus_of, run_blueprint
+from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import (
     AROUND,
     MACHINE,
@@ -51,7 +51,7 @@ def write_recording(
     metrics: Mapping[str, Any],
     poses: Poses | None = None,
 ) -> None:
-    """Write a run as a Rerun recording with its blueprint.
+    """Write a run as a Rerun recording with its blueprint, in full or not at all.
 
     Args:
       path: `.rrd` file to write.
@@ -60,13 +60,12 @@ def write_recording(
       metrics: Content of `metrics.json`.
       poses: Poses of the machine; None for a recording of plots, states and paths only.
     """
-    stream = rr.RecordingStream("omnimj")
-    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, metrics, poses is not None))
-    run = RunStream(stream, scenario, float(trace["time"][-1]))
-    run.begin(metrics, planned_position(trace), None if poses is None else poses.mj_model)
-    run.add(trace, poses)
-    run.end(trace, metrics)
-    stream.disconnect()
+    with recording_file(path, "omnimj") as stream:
+        stream.send_blueprint(whole_blueprint(scenario, trace, metrics, poses is not None), make_active=False)
+        run = RunStream(stream, scenario, float(trace["time"][-1]))
+        run.begin(metrics, planned_position(trace), None if poses is None else poses.mj_model)
+        run.add(trace, poses)
+        run.end(trace, metrics)
 
 
 class RunStream:
@@ -185,7 +184,7 @@ def whole_blueprint(
     subject = focus_of(scenario, metrics.get("faults") or ())
     eye = first_eye(scenario, start, has_machine, subject.from_the_side)
     ranges = [plot.range(trace) for plot in plots]
-    above = _eye_above(trace) if subject.backward_elimination and "x" in trace else None
+    above = _eye_above(trace) if subject.from_above and "x" in trace else None
     lanes = eventful_lanes(metrics, duration)
     return run_blueprint(plots, duration, eye, ranges, lanes, subject, above)
 
@@ -269,6 +268,4 @@ def poses_of(run: RunResult) -> Poses | None:
 
 def write_recording_of(path: Path, run: RunResult) -> None:
     """Write the Rerun recording of a run, in full or not at all."""
-    poses = poses_of(run)
-    with atomic_file(path) as temporary:
-        write_recording(temporary, run.trace, run.scenario, run.metrics, poses)
+    write_recording(path, run.trace, run.scenario, run.metrics, poses_of(run))

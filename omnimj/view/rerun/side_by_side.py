@@ -16,6 +16,7 @@ from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.poses import Poses
 from omnimj.view.rerun.dead_reckoning import filled, integrated, robot_poses
+from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import Machine, log_floor, time_column
 
 _GREY = "#A7AFB8"  # visible on dark plots and on the light floor
@@ -32,28 +33,29 @@ def write_side_by_side(path: Path, run: DrivenRun, robot: Robot) -> None:
       run: The run on one plant.
       robot: The model, for its appearance.
     """
-    stream = rr.RecordingStream("omnimj_side_by_side")
-    stream.save(path)
-    stream.send_blueprint(_blueprint(run), make_active=False)
-    stream.send_recording_name(f"{run.run}: measured and {run.plant}")
-    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    mj_model = robot_model(robot, next(iter(read_floors().values())))
-    places = side_by_side(run)
-    corners = np.vstack([pose[:, :2] for pose in places.values()])
-    log_floor(stream, corners, (), run.floor)
-    angles = integrated(run.time, run.wheel_speed)
-    for name, pose in places.items():
-        color = _GREY if name == "measured" else palette.AFTER
-        machine = Machine(stream, mj_model, f"world/{name}")
-        qpos = robot_poses(mj_model, np.column_stack([pose, angles]))
-        machine.log_bodies(Poses(mj_model, run.time, qpos), rollers_turn=False)
-        _log_name(stream, name, color)
-        _log_path(stream, name, pose, color)
-    _log_path(
-        stream, "measured_beside", places["measured"] - places["measured"][0] + places[run.plant][0], _GREY
-    )
-    _log_courses(stream, run)
-    stream.disconnect()
+    with recording_file(path, "omnimj_side_by_side") as stream:
+        stream.send_blueprint(_blueprint(run), make_active=False)
+        stream.send_recording_name(f"{run.run}: measured and {run.plant}")
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        mj_model = robot_model(robot, next(iter(read_floors().values())))
+        places = side_by_side(run)
+        corners = np.vstack([pose[:, :2] for pose in places.values()])
+        log_floor(stream, corners, (), run.floor)
+        angles = integrated(run.time, run.wheel_speed)
+        for name, pose in places.items():
+            color = _GREY if name == "measured" else palette.AFTER
+            machine = Machine(stream, mj_model, f"world/{name}")
+            qpos = robot_poses(mj_model, np.column_stack([pose, angles]))
+            machine.log_bodies(Poses(mj_model, run.time, qpos), rollers_turn=False)
+            _log_name(stream, name, color)
+            _log_path(stream, name, pose, color)
+        _log_path(
+            stream,
+            "measured_beside",
+            places["measured"] - places["measured"][0] + places[run.plant][0],
+            _GREY,
+        )
+        _log_courses(stream, run)
 
 
 def side_by_side(run: DrivenRun) -> dict[str, Array]:
