@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +17,14 @@ from omnimj.recording.folder import atomic_file
 from omnimj.recording.run_table import write_parquet
 from omnimj.signals import Array, Trace
 
-_ABOUT = b"omnimj"
+_ABOUT, _CHECKSUM = b"omnimj", b"omnimj-crc32"
 
 
 def write_trace(path: Path, trace: Trace) -> None:
     """Write a trace, in full or not at all.
 
-    Columns keep all bits, `about` is stored as JSON in the metadata of the file, and pages have checksums.
+    Columns keep all bits, and `about` is stored as JSON in the metadata of the file. The columns have a
+    checksum beside those of the pages, which exclude the headers that say how a page is to be read.
 
     Args:
       path: File to write; overwritten if it exists.
@@ -31,7 +34,8 @@ def write_trace(path: Path, trace: Trace) -> None:
       OutputError: The file cannot be written.
     """
     with atomic_file(path) as temporary:
-        write_parquet(temporary, trace.columns, {_ABOUT: json.dumps(dict(trace.about)).encode()})
+        metadata = {_ABOUT: json.dumps(dict(trace.about)).encode(), _CHECKSUM: _checksum(trace.columns)}
+        write_parquet(temporary, trace.columns, metadata)
 
 
 def read_trace(path: Path) -> Trace:
@@ -61,7 +65,20 @@ def read_trace(path: Path) -> Trace:
         if names.count(name) > 1:
             raise InputError(path, f"has column {name!r} twice")
     columns = {name: _numbers(path, name, table.column(name)) for name in names}
-    return Trace(columns, _about(path, table.schema.metadata or {}))
+    metadata = table.schema.metadata or {}
+    if metadata.get(_CHECKSUM, _checksum(columns)) != _checksum(columns):
+        raise InputError(path, "is damaged", "its numbers do not fit its checksum")
+    return Trace(columns, _about(path, metadata))
+
+
+def _checksum(columns: Mapping[str, Array]) -> bytes:
+    """Checksum of names and numbers of all columns."""
+    found = 0
+    for name, values in columns.items():
+        found = zlib.crc32(
+            np.ascontiguousarray(values, dtype="<f8").tobytes(), zlib.crc32(name.encode(), found)
+        )
+    return b"%08x" % found
 
 
 def _numbers(path: Path, name: str, column: Any) -> Array:
