@@ -31,6 +31,14 @@ def pytest_collection(session):
         gc.freeze()
 
 
+@pytest.fixture(autouse=True)
+def frozen_collections():
+    """Keeps them out again after a test whose host or device of a link has thawed them."""
+    yield
+    if not gc.get_freeze_count():
+        gc.freeze()
+
+
 @pytest.fixture
 def measured(record_property):
     """Notes a figure beside its limit: `measured(name, value, limit)`; the worst value of a name is shown."""

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.robust import RobustDetector
-from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.interface import robot_channels
@@ -31,9 +31,8 @@ def driven(duration: float = 12.0, seed: int = 5, weak: bool = False, watched: b
     robot = read_robot()
     faults = (WEAK,) if weak else ()
     plant = PlanarRobot(robot, "natural_stone", faults=faults, seed=seed)
-    controller = Controller(robot, period=plant.period)
-    if watched:
-        controller = FaultTolerantController(controller, RobustDetector(robot))
+    detector = RobustDetector(robot) if watched else None
+    controller = CompiledController(Controller(robot, period=plant.period), detector)
     reference = mission(np.random.default_rng(seed), duration, plant.period)
     return drive(plant, controller, reference)
 

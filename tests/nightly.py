@@ -1,4 +1,4 @@
-"""Grids of parameters of which every second point is left to nightly runs."""
+"""Grids of parameters of which most points are left to nightly runs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,34 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
+
+from omnimj.simulate.scenario.scenario import read_scenario
+
+
+def representative(*values: Any, keep: int = 1) -> list[Any]:
+    """Values of a parameter, tuples for several ones, of which all but the first `keep` are slow."""
+    rest = (value if isinstance(value, tuple) else (value,) for value in values[keep:])
+    return [*values[:keep], *(pytest.param(*value, marks=pytest.mark.slow) for value in rest)]
+
+
+def latin(*axes: Iterable[Any]) -> list[Any]:
+    """All combinations of the axes' values; those off the diagonal are slow.
+
+    The fast suite takes the first values together, then the second, up to the end of the shortest axis.
+    """
+    points = []
+    for numbered in itertools.product(*(list(enumerate(axis)) for axis in axes)):
+        places = {place for place, _ in numbered}
+        points.append(pytest.param(*(v for _, v in numbered), marks=[pytest.mark.slow] * (len(places) > 1)))
+    return points
+
+
+def three_wheels_nightly(names: Iterable[str]) -> list[Any]:
+    """Names of scenarios; those of robots with three wheels are slow, as their kernels compile apart."""
+    return [
+        pytest.param(name, marks=[pytest.mark.slow] * (read_scenario(name).constants.wheel_count == 3))
+        for name in names
+    ]
 
 
 def checkerboard(*axes: Iterable[Any]) -> list[Any]:

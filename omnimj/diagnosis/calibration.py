@@ -256,7 +256,7 @@ class StretchMaxima:
     """Collector of the maxima of each statistic over stretches of motion, and of the losses per run."""
 
     def __init__(self, period: float):
-        self._period, self._block = period * samples_per_block(period), -1
+        self._period = period * samples_per_block(period)
         self._run, self._moved = -1, 0.0
         self._now, self._where = np.zeros(STATISTICS), [(0, 0.0, 0.0)] * STATISTICS
         self.found: list[np.ndarray] = []
@@ -271,10 +271,8 @@ class StretchMaxima:
         self._run += 1
 
     def __call__(self, time: float, state: RobustState) -> None:
-        """Update the maxima with a state of the detector; statistics change with blocks only."""
-        if state.blocks == self._block:
-            return
-        self._block, seen = state.blocks, state.statistics
+        """Update the maxima with the state of the detector after a block."""
+        seen = state.statistics
         self.losses[-1] = max(self.losses[-1], seen.worn)
         for k in np.flatnonzero(np.array(seen[:STATISTICS]) > self._now).tolist():
             self._now[k] = seen[k]

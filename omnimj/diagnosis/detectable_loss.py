@@ -84,18 +84,17 @@ class LossInformation:
 
     def __init__(self, wheels: int, model: ParameterModel):
         self._wheels, self._short_term = wheels, model.short_term
-        self._block, self._run = -1, -1
+        self._run = -1
         self._rows: list[tuple[int, float, Array]] = []
 
     def next_run(self) -> None:
         """Begin a run."""
-        self._block, self._run = -1, self._run + 1
+        self._run += 1
 
     def __call__(self, time: float, state: RobustState) -> None:
-        """Take a state of the detector, with its decisions switched off."""
-        if state.blocks == self._block or state.blocks % EVERY or state.log[-1] == BLIND:
+        """Take the state of the detector after a block, with its decisions switched off."""
+        if state.blocks % EVERY or state.log[-1] == BLIND:
             return
-        self._block = state.blocks
         self._rows.append((self._run, time, self._scores(state)))
 
     def _scores(self, state: RobustState) -> Array:

@@ -1,7 +1,7 @@
 """Replay of recorded runs through a fault detector, sample by sample, as a controller would call it.
 
-The robust detector observes the samples in a compiled loop; every other one, and one that is watched, is
-called for each of them. Both ways give the same numbers.
+The robust detector observes the samples in a compiled loop, every other one is called for each of them. Both
+ways give the same numbers.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ _REPORT_EVERY = 500  # samples
 SampleProgress = Callable[[int], None]
 """Called regularly with the number of finished samples."""
 Watch = Callable[[float, Any], None]
-"""Called with the time [s] and the state of the detector after every sample."""
+"""Called with the time [s] and the state of the robust detector after every block; the state's arrays change
+later."""
 
 
 @dataclass(frozen=True)
@@ -166,8 +167,8 @@ class _Loop:
         self._name, self._machine, self._detector, self._logs = name, machine, detector, logs
         self._progress, self._watch, self._done = progress, watch, 0
         self._rest, self._turn, self._speeds = GyroBias(), np.empty(0), slice(0)
-        self._wheels, self.blind = 0, 0
-        self._is_compiled = watch is None and hasattr(type(detector).step, "compiled_in")
+        self._wheels, self._watched, self.blind = 0, 0, 0
+        self._is_compiled = hasattr(type(detector).step, "compiled_in")
         if isinstance(machine.constants, Robot) and samples.segments:
             n = self._wheels = len(machine.constants.wheels)
             self._speeds, self._turn = slice(n, 2 * n), yaw_rate_row(machine.constants)
@@ -190,7 +191,7 @@ class _Loop:
         columns = np.ascontiguousarray(segment.columns, float)
         rows = RecordedRows(time, columns, np.ascontiguousarray(command, float), self._machine.period)
         detector: Any = self._detector
-        observation = RecordedObservation(detector, state, self._rest, rows)
+        observation = RecordedObservation(detector, state, self._rest, rows, self._watch)
         logs = self._logs[before : before + len(time)]
         with self._failures(lambda: float(time[observation.done])):
             for done in observation.advance(logs, _REPORT_EVERY):
@@ -204,6 +205,7 @@ class _Loop:
     def _stepped(self, segment: Segment, state: Any) -> Any:
         """State after a segment, with a call of the detector for every sample."""
         machine, detector, before = self._machine, self._detector, self._done
+        self._watched = 0 if self._watch is None else state.blocks
         with self._failures(lambda: float(segment.time[self._done - before])):
             for k, now in enumerate(segment.time.tolist()):
                 measured: Any = machine.measurement(now, segment.columns[k])
@@ -214,7 +216,8 @@ class _Loop:
                 self.blind += detector.cannot_judge(state)
                 self._update_bias(measured)
                 self._done += 1
-                if self._watch is not None:
+                if self._watch is not None and state.blocks != self._watched:
+                    self._watched = state.blocks
                     self._watch(now, state)
                 if self._progress is not None and self._done % _REPORT_EVERY == 0:
                     self._progress(self._done)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nightly import representative
 from wired_devices import ROBOT, planar, served
 
 from omnimj.cli.main import main
@@ -69,7 +70,9 @@ class Person:
 
 
 @pytest.mark.parametrize(
-    ("last", "code"), [(b"q", 0), (b"\x03", 130), (None, 130)], ids=["key", "Ctrl-C", "hang-up"]
+    ("last", "code"),
+    representative((b"q", 0), (b"\x03", 130), (None, 130)),
+    ids=["key", "Ctrl-C", "hang-up"],
 )
 def test_keys_drive_the_robot_and_the_terminal_is_left_as_it_was(tmp_path, last, code):
     person = Person("--plant", "planar", "--out", str(tmp_path / "run"))

@@ -83,6 +83,22 @@ def test_the_compiled_loop_gives_what_the_detector_gives_sample_by_sample(make):
     assert len(done[True]) > 3 and len(done[False]) > 3
 
 
+def test_a_watch_of_the_compiled_loop_sees_each_block_as_that_of_single_samples_does():
+    run = uneven(as_run(driven(weak=True)))
+    machine = read_machine(as_dataset(run))
+    seen = []
+    for kind in (Stepped, RobustDetector):
+        blocks = []
+
+        def watch(time, state, blocks=blocks):
+            blocks.append((time, state.blocks, *state.statistics, *state.log))
+
+        replay(run, sample_run(run, machine), machine, kind(read_robot()), watch=watch)
+        seen.append(np.array(blocks))
+    assert np.array_equal(*seen, equal_nan=True) and len(seen[0]) > 800
+    assert np.all(np.diff(seen[0][:, 0]) > 0.0)
+
+
 def is_weak(diagnosis) -> bool:
     return diagnosis.kind == "motor" and diagnosis.wheels == (2,) and not diagnosis.ambiguous_with
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nightly import three_wheels_nightly
 
 from omnimj import read_scenario
 from omnimj.control.cascade.controller import Controller
@@ -63,7 +64,7 @@ def robot_scenarios():
     return [s.name for s in found if not s.is_rig and s.level != "kinematic"]
 
 
-@pytest.mark.parametrize("name", robot_scenarios())
+@pytest.mark.parametrize("name", three_wheels_nightly(robot_scenarios()))
 def test_every_scenario_runs_alike_in_the_compiled_and_in_the_stepwise_loop(name):
     scenario = read_scenario(name)
     method = "robust"
@@ -73,6 +74,7 @@ def test_every_scenario_runs_alike_in_the_compiled_and_in_the_stepwise_loop(name
     assert_same(compiled, stepwise)
 
 
+@pytest.mark.slow
 def test_faults_on_a_stated_soft_floor_are_found_alike():
     slip = "faults=[{ kind = 'slip', wheel = 1, onset = 1.5, grip = 0.05 }]"
     scenario = read_scenario("soft_floor_circle", (slip,))

@@ -10,8 +10,8 @@ import pytest
 from nightly import checkerboard
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.robust.detector import RobustDetector
-from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
 from omnimj.control.recovery.modes import PIVOTING
 from omnimj.errors import InputError, UnknownNameError
@@ -68,7 +68,7 @@ def test_a_motor_of_three_that_dies_while_it_alone_carries_the_drive_is_all_that
 
 def driven(fault, seed, duration):
     plant = PlanarRobot(ROBOT, "pvc", faults=[fault] if fault else [], seed=seed)
-    controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
+    controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
     return drive(plant, controller, mission(np.random.default_rng(seed), duration, plant.period))
 
 

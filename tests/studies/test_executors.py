@@ -223,6 +223,7 @@ def test_a_started_worker_process_that_dies_costs_what_was_under_way_and_nothing
     assert trials.read("task_2") == {"number": 2}
 
 
+@pytest.mark.slow
 def test_work_that_kills_every_worker_is_given_up_and_the_rest_is_done(tmp_path, dask, cluster):
     tasks, trials = {f"task_{k}": (k,) for k in range(3)}, TrialFolder(tmp_path)
     cluster.scheduler.allowed_failures = 1

@@ -65,6 +65,14 @@ def numbers_in(value: object) -> Iterator[float]:
         yield float(value)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_figures():
+    """Plots of three runs on a page: they take most of its time, and there are 24."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("omnimj.view.report.gap.MOST_FIGURES", 3)
+        yield
+
+
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("gap")

@@ -60,6 +60,7 @@ def test_dragging_over_one_plot_zooms_all_plots_over_time(page, browser, tmp_pat
     assert shown == 3
 
 
+@pytest.mark.slow
 def test_the_values_below_the_cursor_are_those_of_the_trace_at_its_time(page, browser, tmp_path, robot_trace):
     script = f"""
     {_PLOT} const box = canvas(panel).getBoundingClientRect();
@@ -89,6 +90,7 @@ def test_a_click_on_the_legend_hides_a_line_and_another_shows_it(page, browser, 
     assert (before, hidden, shown) == (0, 2, 0)  # the samples and their mean
 
 
+@pytest.mark.slow
 def test_a_finger_scrolls_the_page_instead_of_zooming(page, browser, tmp_path):
     script = "return models('Toolbar').map(bar => bar.active_drag === null)"
     assert not any(operate(browser, page, script, tmp_path))
@@ -119,6 +121,7 @@ def test_many_diagnosed_runs_are_not_all_open_from_the_beginning(tmp_path, robot
     assert len(re.findall("<details class='run'[^>]* open>", page)) == is_open
 
 
+@pytest.mark.slow
 def test_plots_of_a_run_are_made_when_its_part_is_opened_and_the_search_hides_others(
     browser, tmp_path, robot_trace
 ):

@@ -12,12 +12,13 @@ import pytest
 from browser import chromium, operate
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
+from nightly import representative
 from test_report import Page
 
 from omnimj.cli.main import main
 from omnimj.studies import workers
 from omnimj.view.report.gap import write_gap_report
-from omnimj.view.report.run_sections import MOST_FIGURES, make_section, run_table
+from omnimj.view.report.run_sections import make_section, run_table
 
 KINDS = ("gap", "evaluate")
 _STATE = """
@@ -49,7 +50,7 @@ def files(tmp_path_factory) -> dict[str, Path]:
     return {"gap": folder / "gap.html", "evaluate": folder / "out" / "report.html"}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", representative(*KINDS))
 def test_only_the_first_run_is_open_and_another_is_loaded_when_it_is_opened(kind, files, browser, tmp_path):
     script = f"""{_STATE}
     const before = [sections.map(part => part.open), made()];
@@ -73,7 +74,7 @@ def test_the_search_field_finds_held_out_runs_of_the_gap(files, browser, tmp_pat
     assert count == "2 of 24 runs" and inside == "0 of 24 runs"  # no word begins with 35
 
 
-@pytest.mark.parametrize("width", [1200, 600])
+@pytest.mark.parametrize("width", representative(1200, 600))
 def test_the_search_field_finds_cases_by_fault_floor_and_outcome(files, browser, tmp_path, width):
     page = files["evaluate"].read_text("utf-8")
     script = f"""{_STATE}
@@ -93,6 +94,7 @@ def test_the_search_field_finds_cases_by_fault_floor_and_outcome(files, browser,
     assert none == [] and again == all_rows == 8
 
 
+@pytest.mark.slow
 def test_a_link_of_the_table_opens_the_part_of_its_run(files, browser, tmp_path):
     script = f"""{_STATE}
     const link = rows[5].querySelector('a'), part = document.getElementById(rows[5].dataset.run);
@@ -103,6 +105,7 @@ def test_a_link_of_the_table_opens_the_part_of_its_run(files, browser, tmp_path)
     assert (before, after) == (False, True) and drawn > 0
 
 
+@pytest.mark.slow
 def test_the_search_field_and_the_parts_are_reached_by_keyboard(files, browser, tmp_path):
     script = f"""{_STATE}
     const stops = [field, sections[1].querySelector('summary'), rows[1].querySelector('a')];
@@ -144,11 +147,14 @@ def test_rows_without_a_part_of_the_page_have_no_link():
     assert list(table.keys) == ["run-a", "run-b-20--26--20-b"]
 
 
-def test_a_gap_report_with_many_runs_has_parts_for_the_worst_and_a_row_for_each(tmp_path, undrawn):
+def test_a_gap_report_with_many_runs_has_parts_for_the_worst_and_a_row_for_each(
+    tmp_path, undrawn, monkeypatch
+):
+    monkeypatch.setattr("omnimj.view.report.gap.MOST_FIGURES", 10)
     finding = FINDINGS["named"]()
     copies = [dataclasses.replace(o, run=f"{o.run}_{k}") for k in range(3) for o in finding.overlays]
     write_gap_report(tmp_path / "report.html", dataclasses.replace(finding, overlays=tuple(copies)))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert text.count("<details class='run'") == MOST_FIGURES < text.count("<tr data-run=") == len(copies)
+    assert text.count("<details class='run'") == 10 < text.count("<tr data-run=") == len(copies)
     assert "<details open><summary>All 72 as a table" in text
-    assert len(Page(tmp_path / "report.html").ids) > MOST_FIGURES
+    assert len(Page(tmp_path / "report.html").ids) > 10

@@ -167,15 +167,25 @@ class Case:
         }
 
 
-def draw_case(population: CasePopulation, index: int) -> Case:
-    """Draw a case; the same suite, seed and number give the same motion, world, faults and noise.
+def draw_cases(population: CasePopulation, indices: Iterable[int]) -> list[Case]:
+    """Draw cases; the same suite, seed and number give the same motion, world, faults and noise.
 
     Args:
       population: Population to draw from; its plants, floors, faults and structure affect nothing else of a
         case.
-      index: Number of the case, from 0.
+      indices: Numbers of the cases, from 0.
     """
-    suite, robot = SUITES[population.suite], read_robot(population.model)
+    robot = read_robot(population.model)
+    return [_draw_case(population, index, robot) for index in indices]
+
+
+def draw_case(population: CasePopulation, index: int) -> Case:
+    """Draw one case as `draw_cases` does."""
+    return draw_cases(population, (index,))[0]
+
+
+def _draw_case(population: CasePopulation, index: int, robot: Robot) -> Case:
+    suite = SUITES[population.suite]
     duration = suite.duration if population.duration is None else population.duration
     speed, direction = ("mixed", None) if population.suite == "missions" else _manoeuvre(population, index)
     world = _stream(population, index, _WORLD)

@@ -32,7 +32,7 @@ from omnimj.studies.evaluation.cases import (
     Case,
     CasePopulation,
     check_settings,
-    draw_case,
+    draw_cases,
     is_judging_seed,
     require_four_wheels,
 )
@@ -168,7 +168,7 @@ class _Evaluation:
         check_config(config)
         folder = StudyFolder(config.out, PLAN, "an evaluation", (CASES, RECORDINGS))
         folder.claim(config.plan(), config.force)
-        self._cases = [draw_case(config.population, index) for index in range(config.trials)]
+        self._cases = draw_cases(config.population, range(config.trials))
 
     def work(self, pool: WorkerPool, report: Progress) -> None:
         config = self.config

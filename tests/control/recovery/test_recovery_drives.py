@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.detector import FaultEstimate
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
@@ -73,7 +74,10 @@ def circled(faults=(), method=None, recovery=True, seconds=13.0) -> Trace:
     plan = read_drive(CIRCLE, "circle", seconds, 1e-3)
     cascade = Controller(ROBOT, heading_hold=True)
     helps = Recovery(ROBOT, holds_heading=True) if recovery else None
-    controller = FaultTolerantController(cascade, RobustDetector(ROBOT) if method is None else method, helps)
+    if method is None:
+        controller = CompiledController(cascade, RobustDetector(ROBOT), helps)
+    else:
+        controller = FaultTolerantController(cascade, method, helps)
     plant = PlanarRobot(ROBOT, "natural_stone", faults=faults, seed=1, start=plan.start)
     try:
         return drive(plant, controller, plan.reference)
@@ -230,7 +234,7 @@ def test_the_heading_is_held_as_it_was_when_a_motor_broke():
     def excursion(seed, recovery):
         plan = mission(np.random.default_rng(seed), 20.0, 1e-3)
         fault = [Fault("motor", 5.0, None, 1 + seed % 4, {"loss": 0.7})]
-        controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT), recovery)
+        controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT), recovery)
         trace = drive(PlanarRobot(ROBOT, "natural_stone", faults=fault, seed=seed), controller, plan)
         away = np.unwrap(trace["heading"] - trace["target_heading"])[5000:]
         return np.abs(away - away[0]).max()
@@ -242,9 +246,7 @@ def test_the_heading_is_held_as_it_was_when_a_motor_broke():
 
 def test_a_self_test_finds_a_dead_motor_before_the_robot_is_driven_and_the_plan_waits():
     plan = mission(np.random.default_rng(2), 6.0, 1e-3)
-    controller = FaultTolerantController(
-        Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT, self_test=True)
-    )
+    controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT, self_test=True))
     plant = PlanarRobot(ROBOT, "pvc", faults=[Fault("free", 0.0, None, 3)], seed=4)
     trace = drive(plant, controller, plan)
     first = trace.about["diagnoses"][0]
@@ -262,7 +264,7 @@ def test_tracking_errors_of_the_fault_are_not_attributed_to_the_recovery():
         {"kind": "profile", "direction": 1.57, "speed": "high", "cruise_time": 1.0}, "x", 4.0, 1e-3
     )
     fault = [Fault("slip", 0.0, None, 1, {"grip": 0.05})]
-    controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
+    controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
     trace = drive(PlanarRobot(ROBOT, "natural_stone", faults=fault, seed=1), controller, plan.reference)
     assert CAPPING in trace["recovery"]
     assert REVERTED not in trace["recovery"]

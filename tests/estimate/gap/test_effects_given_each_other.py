@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
+from nightly import latin, representative
 from toy import SIZE, STEP, Toy
 
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
@@ -121,7 +123,7 @@ def test_a_complete_model_is_not_called_incomplete():
     assert not finding.incomplete and "ncomplete" not in summarize_finding(finding)
 
 
-@pytest.mark.parametrize("seed", [10, 11, 12])
+@pytest.mark.parametrize("seed", representative(10, 11, 12))
 def test_a_structure_that_the_library_lacks_does_not_decide_between_two_names(seed):
     """A wrong mass and a wrong speed scale predict nearly the same; the wave in speed fits one better."""
     found = search(Wavy({"payload": np.array([0.05])}, 0.03, seed), (), seed, quiet)
@@ -129,16 +131,24 @@ def test_a_structure_that_the_library_lacks_does_not_decide_between_two_names(se
     assert {"payload", "velocity_scale"} in sets
 
 
+@cache
+def of_a_wavy_machine():
+    """Finding that has a set, something given up and several rounds."""
+    return analyse_replay(Wavy({"payload": np.array([0.05])}, 0.03), DatasetSummary("toy"))
+
+
 def test_what_was_given_up_is_listed_with_its_gain_and_reason():
-    finding = analyse_replay(Wavy({"payload": np.array([0.05])}, 0.03), DatasetSummary("toy"))
+    finding = of_a_wavy_machine()
     sentences = summarize_given_up(finding)
     for one, sentence in zip(finding.given_up, sentences, strict=True):
         assert one.label in sentence and one.reason in sentence
         assert one.label not in {e.effect for e in finding.effects}
 
 
-@pytest.mark.parametrize("truth", [{}, {"payload": np.array([0.05])}, {"air_drag": np.array([0.15])}])
-@pytest.mark.parametrize("wave", [0.0, 0.03, 0.1])
+@pytest.mark.parametrize(
+    ("truth", "wave"),
+    latin(({"payload": np.array([0.05])}, {"air_drag": np.array([0.15])}, {}), (0.0, 0.03, 0.1)),
+)
 def test_no_further_effect_gains_when_the_finding_says_so(truth, wave):
     finding = analyse_replay(Wavy(truth, wave), DatasetSummary("toy"))
     last = finding.stages[-1].candidates if finding.stages else ()
@@ -212,7 +222,7 @@ def test_an_amplitude_that_is_fixed_keeps_its_null_value():
 
 
 def test_the_rounds_call_a_rival_what_the_summary_calls_one():
-    finding = analyse_replay(Wavy({"payload": np.array([0.05])}, 0.03), DatasetSummary("toy"))
+    finding = of_a_wavy_machine()
     (sets,) = [{e.effect, *e.indistinguishable_from} for e in finding.effects]
     for stage in finding.stages:
         shown = {c.label for c in stage.candidates if c.verdict in ("named", "rival")}

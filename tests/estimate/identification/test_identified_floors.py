@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from nightly import checkerboard
+from nightly import latin, representative
 from rig_runs import CURRENTS, dataset, friction_curve, reference_run, twin_run
 
 from omnimj.effects import with_effects
@@ -27,6 +27,7 @@ from omnimj.signals import CurrentCommand
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
 SOURCES = {"independent integrator": reference_run, "twin": twin_run}
+ONE_EACH = latin(SOURCES, FLOORS)
 
 
 @pytest.fixture(scope="session")
@@ -43,7 +44,7 @@ def identified(rig, floors):
     return get
 
 
-@pytest.mark.parametrize(("source", "floor"), checkerboard(SOURCES, FLOORS))
+@pytest.mark.parametrize(("source", "floor"), ONE_EACH)
 def test_the_curve_comes_back_within_three_percent(identified, floors, source, floor, measured):
     curve = identified(source, floor).floors[0].curve
     low, high = curve.covered
@@ -55,7 +56,7 @@ def test_the_curve_comes_back_within_three_percent(identified, floors, source, f
     assert worst <= 0.03
 
 
-@pytest.mark.parametrize(("source", "floor"), checkerboard(SOURCES, FLOORS))
+@pytest.mark.parametrize(("source", "floor"), ONE_EACH)
 def test_the_curve_s_band_holds_the_truth_over_the_covered_slip(identified, floors, source, floor):
     curve = identified(source, floor).floors[0].curve
     inside = curve.slip >= curve.covered[0]
@@ -81,7 +82,7 @@ def test_intervals_hold_the_truth_about_as_often_as_their_level(rig, floors, mea
     assert inside >= 0.8 * total
 
 
-@pytest.mark.parametrize("floor", checkerboard(FLOORS))
+@pytest.mark.parametrize("floor", representative(*FLOORS))
 def test_stiffness_damping_and_viscous_part_are_determined(identified, floor):
     found = identified("independent integrator", floor).floors[0]
     for name, most in (("sigma_0", 1.2), ("sigma_1", 2.1), ("sigma_2", 1.2)):
@@ -89,6 +90,7 @@ def test_stiffness_damping_and_viscous_part_are_determined(identified, floor):
         assert estimate.high / estimate.low < most, name
 
 
+@pytest.mark.slow
 def test_at_both_ends_of_a_profile_interval_chi_square_has_risen_by_its_threshold(
     rig, floors, identified, measured
 ):

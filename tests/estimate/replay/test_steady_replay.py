@@ -80,9 +80,12 @@ def hidden():
     return dataset(with_effects(robot(), HIDDEN))
 
 
-def test_hidden_effects_of_a_soft_floor_are_named_with_their_sizes(hidden):
-    replay = SteadyReplay(hidden, robot(), read_floors())
-    found = analyse_replay(replay, DatasetSummary("made"), seed=3)
+@pytest.fixture(scope="module")
+def found(hidden):
+    return analyse_replay(SteadyReplay(hidden, robot(), read_floors()), DatasetSummary("made"), seed=3)
+
+
+def test_hidden_effects_of_a_soft_floor_are_named_with_their_sizes(found):
     named = {e.effect: e for e in found.effects}
     assert found.verdict in ("named", "ambiguous")
     assert set(HIDDEN) <= set(named)
@@ -111,6 +114,7 @@ def with_turned_marker(runs, floor, angle):
     return replace(runs, runs=tuple(turned))
 
 
+@pytest.mark.slow
 def test_effects_of_several_floors_are_named_for_the_floor_that_has_them(tmp_path):
     hidden = {
         "load_offset": {"x": -0.025, "y": 0.004},
@@ -131,8 +135,9 @@ def test_effects_of_several_floors_are_named_for_the_floor_that_has_them(tmp_pat
     assert angles[f"{FLOOR}.heading"] == pytest.approx(0.0, abs=0.003)
 
 
-def test_effects_of_a_floor_become_numbers_of_this_floor_and_those_of_the_robot_its_effects(hidden, tmp_path):
-    found = analyse_replay(SteadyReplay(hidden, robot(), read_floors()), DatasetSummary("made"), seed=3)
+def test_effects_of_a_floor_become_numbers_of_this_floor_and_those_of_the_robot_its_effects(
+    hidden, found, tmp_path
+):
     files = tmp_path / "model.toml", tmp_path / "floors.toml"
     texts = new_model_text(found, robot().file), new_floors_text(found, read_floors(), robot().file)
     for file, text in zip(files, texts, strict=True):

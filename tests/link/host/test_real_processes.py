@@ -216,7 +216,11 @@ def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, 
     assert seen(port).fault is FaultCode.NONE
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)],
+    ids=["Ctrl-C", "SIGTERM"],
+)
 def test_a_host_that_is_interrupted_ends_by_a_stop(tap, number):
     with driving(tap) as host:
         mark = len(tap.frames)
@@ -243,6 +247,7 @@ def overheard(own: str) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_a_readonly_host_follows_another_hosts_run(capsys):
     own = f"127.0.0.1:{free_port()}"
     words = ("--set", "duration=0.3", "--plant", f"udp:{own}", "--readonly")
@@ -261,6 +266,7 @@ def test_a_readonly_host_follows_another_hosts_run(capsys):
     assert f"udp:{own}, readonly; " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_rehearsing_host_moves_nothing(tap, capsys):
     words = ("--set", "duration=0.2", "--plant", tap.address, "--dry-run")
     assert main([*DRIVE, *words]) in (0, 1)

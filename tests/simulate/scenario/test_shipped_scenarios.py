@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from nightly import three_wheels_nightly
 
 from omnimj.simulate.detectors import default_method
 from omnimj.simulate.run import RunResult, run_scenario
@@ -65,7 +66,11 @@ def test_a_scenario_passes_its_checks_on_the_fastest_plant_and_each_check_can_fa
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in LIKE_ANOTHER else n for n in ON_TWIN]
+    "name",
+    [
+        *three_wheels_nightly(name for name in ON_TWIN if name not in LIKE_ANOTHER),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in LIKE_ANOTHER),
+    ],
 )
 def test_a_scenario_passes_its_checks_on_the_twin(name):
     require_checks_that_pass_and_can_fail(driven(name, plant="twin"))

@@ -24,13 +24,14 @@ from omnimj.studies.evaluation.cases import (
     CasePopulation,
     case_reference,
     draw_case,
+    draw_cases,
     nominal_scenario,
 )
 from omnimj.studies.evaluation.trial import drive_case, make_true_plant
 from omnimj.studies.random_structure import DRAWN
 from omnimj.studies.random_truth import BOUNDS, CLASSES, NONE, PAYLOAD, WHEEL_FAULTS, true_floor, true_robot
 
-MANY = [draw_case(CasePopulation(suite, 100), k) for suite in SUITES for k in range(300)]
+MANY = [case for suite in SUITES for case in draw_cases(CasePopulation(suite, 100), range(300))]
 
 
 def drawn_structure():
@@ -39,9 +40,9 @@ def drawn_structure():
 
 def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
     for suite in SUITES:
-        again = [draw_case(CasePopulation(suite, 100), k) for k in range(300)]
+        again = draw_cases(CasePopulation(suite, 100), range(300))
         assert again == [case for case in MANY if case.suite == suite]
-        others = [draw_case(CasePopulation(suite, 101), k) for k in range(300)]
+        others = draw_cases(CasePopulation(suite, 101), range(300))
         assert not {case.noise for case in others} & {case.noise for case in again}
 
 
@@ -106,7 +107,8 @@ def test_every_class_is_drawn_and_fault_free_cases_have_their_share(suite):
 
 
 def test_only_the_chosen_classes_are_drawn():
-    drawn = {draw_case(CasePopulation("missions", 7, faults=("slip", "two")), k).fault for k in range(60)}
+    population = CasePopulation("missions", 7, faults=("slip", "two"))
+    drawn = {case.fault for case in draw_cases(population, range(60))}
     assert drawn == {"slip", "two"}
 
 
@@ -122,7 +124,7 @@ def test_twenty_eight_cases_of_two_faults_have_each_pair_of_the_eight_once():
         CasePopulation("missions", 100, faults=("two",)),
         CasePopulation("missions", 101, faults=("two",)),
     ):
-        pairs = [pair_of(draw_case(choice, k)) for k in range(84)]
+        pairs = [pair_of(case) for case in draw_cases(choice, range(84))]
         for first in (0, 28, 56):
             assert len(set(pairs[first : first + 28])) == 28
         assert all(len(pair) == 2 and pair <= set(WHEEL_FAULTS) for pair in pairs)
@@ -132,19 +134,19 @@ def test_twenty_eight_cases_of_two_faults_have_each_pair_of_the_eight_once():
 
 def test_among_other_classes_pairs_come_in_turn_too():
     choice = CasePopulation("missions", 100, faults=("none", "slip", "two"))
-    pairs = [pair_of(case) for k in range(400) if (case := draw_case(choice, k)).fault == "two"]
+    pairs = [pair_of(case) for case in draw_cases(choice, range(400)) if case.fault == "two"]
     assert len(pairs) > 56 and len(set(pairs[:28])) == len(set(pairs[28:56])) == 28
-    late = next(case for k in range(1020, 1100) if (case := draw_case(choice, k)).fault == "two")
-    before = sum(draw_case(choice, k).fault == "two" for k in range(late.index))
+    late = next(case for case in draw_cases(choice, range(1020, 1100)) if case.fault == "two")
+    before = sum(case.fault == "two" for case in draw_cases(choice, range(late.index)))
     begin = before - before % 28
-    cases = (draw_case(choice, k) for k in range(late.index + 1))
+    cases = draw_cases(choice, range(late.index + 1))
     turn = [pair_of(case) for case in cases if case.fault == "two"][begin:]
     assert len(set(turn)) == len(turn) == before % 28 + 1
 
 
 def test_which_of_a_pair_comes_first_and_how_large_both_are_is_drawn():
     choice = CasePopulation("missions", 100, faults=("two",))
-    cases = [draw_case(choice, k) for k in range(280)]
+    cases = draw_cases(choice, range(280))
     firsts = {(pair_of(case), case.faults[0].kind, case.faults[0].wheel) for case in cases}
     assert len(firsts) > 50
     assert 0.4 < sum(case.faults[0].onset == case.faults[1].onset for case in cases) / 280 < 0.6
@@ -152,7 +154,7 @@ def test_which_of_a_pair_comes_first_and_how_large_both_are_is_drawn():
 
 def test_forty_eight_manoeuvres_have_each_direction_at_each_speed_once():
     for first in (0, 48):
-        cases = [draw_case(CasePopulation("manoeuvres", 5), k) for k in range(first, first + 48)]
+        cases = draw_cases(CasePopulation("manoeuvres", 5), range(first, first + 48))
         assert len({(case.direction, case.speed) for case in cases}) == 48
 
 
@@ -218,7 +220,7 @@ def test_both_plants_carry_the_heaviest_and_the_lightest_robot_on_every_floor(pl
 
 
 def test_a_task_travels_to_other_processes_and_a_case_to_json():
-    drawn = [draw_case(CasePopulation("missions", 100, structure=DRAWN), k) for k in range(3)]
+    drawn = draw_cases(CasePopulation("missions", 100, structure=DRAWN), range(3))
     for case in MANY[:20] + drawn:
         function, (again, method) = pickle.loads(pickle.dumps((drive_case, (case, "off"))))
         assert function is drive_case and again == case and method == "off"
@@ -255,9 +257,9 @@ def test_with_and_without_the_method_the_same_noise_comes():
 
 
 def test_a_motor_that_lacks_a_tenth_is_drawn_only_when_it_is_chosen():
-    weak = [draw_case(CasePopulation("missions", 100, faults=("weak",)), k) for k in range(20)]
+    weak = draw_cases(CasePopulation("missions", 100, faults=("weak",)), range(20))
     assert {(c.fault, c.faults[0].kind) for c in weak} == {("weak", "motor")}
     assert {c.faults[0].numbers["loss"] for c in weak} == {0.1}
     assert {c.faults[0].wheel for c in weak} == {1, 2, 3, 4} and {c.faults[0].onset for c in weak} == {3.0}
-    usual = {draw_case(CasePopulation("missions", 100), k).fault for k in range(200)}
+    usual = {case.fault for case in draw_cases(CasePopulation("missions", 100), range(200))}
     assert "weak" not in usual

@@ -6,7 +6,7 @@ numbers; it returns to Python for the rare decisions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +56,8 @@ class _Memory(NamedTuple):
     rest: Array
     """Packed `GyroBias`, shape (4,)."""
     place: Array
-    """Rows that are finished, and 1 if the block that ends with the next one is decided; integers."""
+    """Rows that are finished, 1 if the block that ends with the next one is decided, blocks that the watch
+    has seen; integers."""
 
 
 @kernel
@@ -90,8 +91,11 @@ def _take_row(constants, memory, rows, k, bias):
     return judge_block(constants.robust, samples, memory.evidence, memory.judged[0], yaw, rows.time[k])
 
 
+_ALL_DONE, _DECISION_IS_DUE, _BLOCK_IS_DONE = range(3)  # reasons for which the loop returns
+
+
 @kernel
-def _observe_rows(constants, memory, rows, logs, end):
+def _observe_rows(constants, memory, rows, logs, end, watched):
     """Observe rows until `end` of them are finished, or until a decision has to be made.
 
     Args:
@@ -100,9 +104,10 @@ def _observe_rows(constants, memory, rows, logs, end):
       rows: `RecordedRows`.
       logs: Output, signals of the detector, shape (k, signals).
       end: Number of rows.
+      watched: Whether to return after every block, too.
 
     Returns:
-      Whether a decision has to be made.
+      The reason for which the loop returns.
     """
     n, place = (rows.columns.shape[1] - 4) // 2, memory.place
     while place[0] < end:
@@ -110,7 +115,7 @@ def _observe_rows(constants, memory, rows, logs, end):
         before = GyroBias(rest[0], rest[1], rest[2], rest[3])
         if place[1] == 0 and _take_row(constants, memory, rows, k, before.bias):
             place[1] = 1
-            return True
+            return _DECISION_IS_DUE
         place[1] = 0
         logs[k] = memory.judged[0].log
         wheel_speed, yaw_rate = rows.columns[k, n : 2 * n], rows.columns[k, 2 * n + 2]
@@ -118,7 +123,10 @@ def _observe_rows(constants, memory, rows, logs, end):
         after = update_gyro_bias(before, constants.robust.turn, still, yaw_rate, wheel_speed, rows.period)
         rest[0], rest[1], rest[2], rest[3] = after
         place[0] += 1
-    return False
+        if watched and memory.judged[0].blocks != place[2]:
+            place[2] = memory.judged[0].blocks
+            return _BLOCK_IS_DONE
+    return _ALL_DONE
 
 
 class RecordedObservation:
@@ -129,13 +137,23 @@ class RecordedObservation:
       state: Its state before the first row; not changed.
       rest: Estimated bias of the gyro before the first row.
       rows: The rows.
+      watch: Called after every block with time [s] and state, of which the arrays are changed later.
     """
 
-    def __init__(self, detector: RobustDetector, state: RobustState, rest: GyroBias, rows: RecordedRows):
+    def __init__(
+        self,
+        detector: RobustDetector,
+        state: RobustState,
+        rest: GyroBias,
+        rows: RecordedRows,
+        watch: Callable[[float, RobustState], None] | None = None,
+    ):
         self._detector, self._rows, self._decisions = detector, rows, state.decisions
+        self._watch = watch
         self._constants = _Constants(detector.packed_sampling, detector.constants)
         start = (copied(state.samples), state.evidence.copy(), copied(state.judged))
-        self._memory = _Memory(*start, np.array(rest, float), np.zeros(2, int))
+        place = np.array([0, 0, state.blocks])
+        self._memory = _Memory(*start, np.array(rest, float), place)
 
     @property
     def done(self) -> int:
@@ -168,8 +186,13 @@ class RecordedObservation:
 
     def _observe(self, logs: Array, end: int) -> None:
         detector, m = self._detector, self._memory
-        while _observe_rows(self._constants, m, self._rows, logs, end):
-            time = float(self._rows.time[self.done])
-            self._decisions = decide_block(
-                detector.thresholds, m.evidence, m.judged, self._decisions, time, detector.channels
-            )
+        watched = self._watch is not None
+        while reason := _observe_rows(self._constants, m, self._rows, logs, end, watched):
+            if reason == _DECISION_IS_DUE:
+                time = float(self._rows.time[self.done])
+                self._decisions = decide_block(
+                    detector.thresholds, m.evidence, m.judged, self._decisions, time, detector.channels
+                )
+            elif self._watch is not None:
+                state = RobustState(m.samples, m.evidence, m.judged, self._decisions, None)
+                self._watch(float(self._rows.time[self.done - 1]), state)

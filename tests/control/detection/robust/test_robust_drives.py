@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from other_robots import write_slow
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.parameters import read_robot
@@ -31,7 +32,7 @@ ONSET = 3.0
 def driven(seed, floor="natural_stone", faults=(), robot=ROBOT, seconds=SECONDS) -> Trace:
     """A random mission with the robust method; it assumes the nominal robot whatever `robot` is."""
     plan = mission(np.random.default_rng(seed), seconds, 1e-3)
-    controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT))
+    controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT))
     plant = PlanarRobot(robot, floor, faults=faults, seed=seed)
     try:
         return drive(plant, controller, plan)
