@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import secrets
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -204,8 +201,7 @@ def _serve(arguments: Any, server: DeviceServer, keyed: bool, scenario: str) -> 
     words = f"device ready at {where}, {scenario} on the {arguments.plant}, {mode}"
     _report(words + (", keyed" if keyed else ""))
     try:
-        with _ended_by_signals():
-            server.run(lambda: True)
+        server.run(lambda: True)
     except KeyboardInterrupt:
         pass
     finally:
@@ -219,20 +215,6 @@ def _format_served(server: DeviceServer, lock_step: bool) -> str:
     if server.drops.total:
         words += f"; no frames: {server.drops}"
     return words if lock_step else f"{words}\n{server.timing}"
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Raise KeyboardInterrupt on SIGTERM."""
-
-    def interrupt(_number: int, _frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 DEVICE = Command(

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
-    INTERRUPTED,
     MODEL,
     ROBOT_MODEL,
     Command,
@@ -91,7 +90,7 @@ def run_diagnose(arguments: Any) -> int:
         return run_fleet(arguments, diagnose_in_fleet, _FLEET_HEAD, _fleet_row)
     done = _diagnose_dataset(arguments)
     if done is None:
-        return INTERRUPTED
+        raise KeyboardInterrupt
     order, found, interrupted, content = done
     if arguments.json:
         print(format_json(content))

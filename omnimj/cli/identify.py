@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
-    INTERRUPTED,
     MODEL,
     Command,
     add_accept,
@@ -75,7 +74,7 @@ def run_identify(arguments: Any) -> int:
         return run_fleet(arguments, identify_in_fleet, _FLEET_HEAD, _fleet_row)
     done = _identify_dataset(arguments)
     if done is None:
-        return INTERRUPTED
+        raise KeyboardInterrupt
     found, content = done
     if not isinstance(found, Identification):
         print_robot(arguments, found, content)
@@ -247,7 +246,7 @@ def _validate_rig_dataset(
     with ProgressBar() as bar:
         found = validate(dataset, rig, floors, plants, bar.show)
     if not found.runs:
-        return INTERRUPTED
+        raise KeyboardInterrupt
     for plant in plants:
         note_compiled(plant, "quarter_rig")
     content = validation_content(found, command_line(arguments))

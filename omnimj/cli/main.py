@@ -24,7 +24,7 @@ from omnimj.cli.record import RECORD
 from omnimj.cli.run import RUN, SCENARIOS
 from omnimj.cli.studies import EVALUATE, SENSITIVITY
 from omnimj.cli.teleop import TELEOP
-from omnimj.cli.terminal import drop_output, flush_output, prepare_streams
+from omnimj.cli.terminal import drop_output, ended_by_signals, flush_output, prepare_streams
 from omnimj.cli.tune import TUNE
 from omnimj.errors import InputError, NoAnswer, OmnimjError, UnknownNameError
 
@@ -139,13 +139,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns:
       0 on success; 1 if a check or a simulation failed, or a file cannot be written; 2 on invalid input; 3 if
-      a robot behind a link does not answer; 130 on Ctrl-C; 141 if the reader of the output closed the pipe.
+      a robot behind a link does not answer; 130 on Ctrl-C or SIGTERM; 141 if the reader of the output closed
+      the pipe.
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
     code = NO_READER
     try:
-        code = _run(given)
+        with ended_by_signals():
+            code = _run(given)
         flush_output()
         return code
     except NoAnswer as error:
@@ -155,6 +157,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OmnimjError as error:
         return _print_error(error, FAILED)
     except KeyboardInterrupt:
+        print("omnimj: interrupted; every file that is there is complete", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of the pipe, such as head, has closed it
         drop_output()

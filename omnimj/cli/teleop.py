@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import signal
 import sys
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -161,21 +158,6 @@ def _gamepad(given: str | None) -> Gamepad | None:
         return None
 
 
-@contextlib.contextmanager
-def _ends_on_signals() -> Iterator[None]:
-    """Treat SIGTERM and SIGHUP like Ctrl-C, so that everything is closed in order."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {name: signal.signal(getattr(signal, name), signal.default_int_handler) for name in names}
-    try:
-        yield
-    finally:
-        for name, action in before.items():
-            signal.signal(getattr(signal, name), action)
-
-
 def _drive_warm_up(plant: Plant, controller: Any) -> None:
     import numpy as np
 
@@ -229,7 +211,7 @@ class _Session:
         print(f"keys: {KEYS}", file=sys.stderr)
         if pad is not None:
             print(f"gamepad: {devices.GAMEPAD_HELP}", file=sys.stderr)
-        with _ends_on_signals(), terminal:
+        with terminal:
             self._warm_up(controller)
             terminal.drain()
             steering = Steering(self._limits)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -115,6 +116,8 @@ def run(arguments: Any) -> int:
             executor,
         )
     if outcome is None:
+        words = f"finished trials are kept in {config.folder}, and the same command continues"
+        print(f"omnimj: interrupted; {words}", file=sys.stderr)
         return INTERRUPTED
     note_compiled(config.plant, "uto_robot")
     command = command_line(arguments)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import INTERRUPTED, command_line, exit_code
+from omnimj.cli.arguments import command_line, exit_code
 from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
 from omnimj.errors import UnknownNameError
 
@@ -75,7 +75,7 @@ def validate_robot_dataset(arguments: Any, dataset: Dataset, floors: Mapping[str
     with ProgressBar() as bar:
         found = validate_drives(dataset, robot, floors, plants, bar.show)
     if not found.runs:
-        return INTERRUPTED
+        raise KeyboardInterrupt
     for plant in plants:
         note_compiled(plant, _MACHINE)
     content = drives_content(found, command_line(arguments))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import stat
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import Any, NamedTuple
 
 from omnimj.errors import InputError, UnknownNameError
 
+MAX_TOML_SIZE = 16 * 2**20
+"""Largest TOML file that is read [bytes]."""
 SOURCES = ("text", "datasheet", "chosen", "measured", "identified", "tuned")
 
 
@@ -217,10 +220,13 @@ def read_toml(path: Path) -> dict[str, Any]:
       path: Path of the file; a byte order mark, as some editors write it, is skipped.
 
     Raises:
-      InputError: The file is missing, cannot be read or is not TOML; the message names file and line.
+      InputError: The file is missing, cannot be read, is too large, no regular file or not TOML; the message
+        names file and line.
     """
     try:
-        content = path.read_bytes()
+        content = _read_regular_file(path)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(path, "no such file") from None
     except IsADirectoryError:
@@ -239,6 +245,23 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(path, "is not valid TOML", "it is nested too deeply") from None
     except ValueError as error:
         raise InputError(path, "is not valid TOML", str(error)) from None
+
+
+def _read_regular_file(path: Path) -> bytes:
+    """Read a file of limited size; a pipe or a device might never end, or never begin.
+
+    Raises:
+      InputError: The file is too large or no regular file.
+      OSError: It cannot be read.
+    """
+    status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(path, "is a pipe or a device", "a regular file is needed")
+    if status.st_size > MAX_TOML_SIZE:
+        raise InputError(path, f"has {status.st_size} bytes", f"at most {MAX_TOML_SIZE} are read")
+    return path.read_bytes()
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -13,9 +13,11 @@ import gc
 import hashlib
 import importlib.metadata
 import itertools
+import logging
 import os
 import pickle
 import shutil
+import struct
 import sys
 import tempfile
 import threading
@@ -78,8 +80,12 @@ _CALLED_PACKAGES = {
 _GUEST_PACKAGES = ("simulate", "estimate")
 _DEFAULT_PACKAGE = "estimate"  # of kernels elsewhere, as in tests, which may call any of them
 KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
-_DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)
-"""Raised by cache files that were cut off or overwritten."""
+_DAMAGED = (
+    *(EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError),
+    *(TypeError, OverflowError, MemoryError, ImportError, AssertionError, struct.error),
+)
+"""Raised by cache files that were cut off or overwritten, or whose content is something else."""
+_LOGGER = logging.getLogger("omnimj.native")
 # no kernel is passed to another as a value, which is what the C wrapper would be for
 _OPTIONS = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _OPTIMIZATION = 1  # level of LLVM's passes; the user's own kernels keep theirs
@@ -177,6 +183,7 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
             try:
                 compiled = decorator(*arguments, cache=True, **options)(function)
             except _DAMAGED:  # a C callback is loaded right here, a kernel at its first call
+                _report_damage(function.__qualname__)
                 _remove_files(folder, function)
                 compiled = decorator(*arguments, cache=True, **options)(function)
             finally:
@@ -187,6 +194,10 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
         return compiled
 
     return wrap
+
+
+def _report_damage(name: str) -> None:
+    _LOGGER.warning("compiling %s again: its file in the cache is damaged", name)
 
 
 def _remove_files(folder: Path, function: Callable) -> None:
@@ -205,6 +216,7 @@ def _recompile_damaged(compiled: Any) -> None:
         try:
             return load(*arguments)
         except _DAMAGED:
+            _report_damage(compiled.py_func.__qualname__)
             cache.flush()
             return None
 

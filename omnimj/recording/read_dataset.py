@@ -28,6 +28,14 @@ from omnimj.signals import Array
 
 MIN_SAMPLES = 50
 """Smallest number of samples of a run."""
+LONGEST_PAUSE = 3600.0
+"""Longest gap within a run [s]; what lies further apart are two runs."""
+MOST_STEPS = 100_000_000
+"""Largest duration of a run in steps of its usual rate: replays sample the whole of it."""
+LARGEST = 1e12
+"""Largest magnitude of a channel in SI units; no sensor shows more."""
+_MIXED = 2.0  # ratio of the usual steps of two parts of a run from which its rate is said to change
+_PARTS = 8
 
 
 def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dataset:
@@ -121,6 +129,7 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
             rule += "; where x, y and heading were measured, state pose_measured = true under [defaults]"
         raise InputError(file, found, f"{rule}; other names belong under [columns] of {DATASET_FILE}")
     _require_time(file, columns["time"], table)
+    _require_magnitudes(file, {n: v for n, v in columns.items() if plant.has(n)}, table)
     for column in plant.zero_if_absent:
         columns.setdefault(column, np.zeros(len(columns["time"])))
     for values in columns.values():
@@ -167,6 +176,25 @@ def _require_time(file: Path, time: Array, table: RunTable) -> None:
         k = int(late[0]) + 1
         found = f"found {time[k]:.12g} after {time[k - 1]:.12g}"
         raise InputError(f"{file}: row {table.row_of(k)}, column 'time'", found, "must increase")
+    step = np.diff(time)
+    k = int(np.argmax(step)) + 1
+    if step[k - 1] > LONGEST_PAUSE:
+        found = f"found {time[k]:.12g} after {time[k - 1]:.12g}"
+        rule = f"within a run at most {LONGEST_PAUSE:g} s may be missing: correct the time or store two runs"
+        raise InputError(f"{file}: row {table.row_of(k)}, column 'time'", found, rule)
+    steps = (time[-1] - time[0]) / float(np.median(step))
+    if steps > MOST_STEPS:
+        found = f"lasts {time[-1] - time[0]:.6g} s at a usual step of {np.median(step):.3g} s"
+        raise InputError(file, found, f"at most {MOST_STEPS} steps are read: store it as several runs")
+
+
+def _require_magnitudes(file: Path, columns: Mapping[str, Array], table: RunTable) -> None:
+    for name, values in columns.items():
+        k = int(np.argmax(np.abs(values)))
+        if name != "time" and abs(values[k]) > LARGEST:
+            place = f"{file}: row {table.row_of(k)}, column {name!r}"
+            rule = f"no sensor shows more than {LARGEST:g} in SI units: check the log and its scale"
+            raise InputError(place, f"found {values[k]:.6g}", rule)
 
 
 def _require_used_renames(about: DatasetFile, runs: Sequence[tuple[Run, tuple[str, ...]]]) -> None:
@@ -227,6 +255,7 @@ def mask_runs(
             notes.append(_gap_note(run, after))
             beside = gap_edges(after, len(run.time))
             own = {name: own.get(name, False) | beside for name in channels if name in run.columns}
+        notes.extend(_rate_note(run))
         for mask in own.values():
             mask.flags.writeable = False
         masked.append(_with_mask(run, own))
@@ -249,6 +278,15 @@ def _gap_note(run: Run, after: NDArray[np.int64]) -> str:
     many = f"{len(after)} gaps in time, the longest" if len(after) > 1 else "a gap in time"
     size = f"of {steps[longest]:.4g} s after {run.time[longest]:.6g} s"
     return f"run {run.name}: {many} {size} (a step is {np.median(steps):.4g} s), edges masked"
+
+
+def _rate_note(run: Run) -> tuple[str, ...]:
+    """Say that the rate of a run changes; a steady rate with gaps, or one that only varies, has no note."""
+    steps = np.array([np.median(part) for part in np.array_split(np.diff(run.time), _PARTS)])
+    if steps.max() < _MIXED * steps.min():
+        return ()
+    rates = f"{1.0 / steps.max():.4g} and {1.0 / steps.min():.4g} samples per second"
+    return (f"run {run.name}: the sampling rate changes, between {rates}",)
 
 
 def _abbreviated(names: Sequence[str], most: int = 6) -> str:

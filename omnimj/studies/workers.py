@@ -131,6 +131,7 @@ def _shut_down(pool: Executor, before: set, finished: bool) -> None:
 def _ignore_interrupts() -> None:
     """Ignore Ctrl-C, since the parent terminates its workers; exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 

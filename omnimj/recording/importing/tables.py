@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,17 +65,19 @@ def read_source(path: Path, given: Dialect | None = None) -> SourceTable:
     if reader is None:
         raise InputError(path, f"the suffix is {path.suffix!r}", "the format is not known", READERS)
     try:
-        size, is_folder = path.stat().st_size, path.is_dir()
+        status = path.stat()
     except FileNotFoundError:
         raise InputError(path, "no such file") from None
     except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
         raise InputError(path, f"cannot be read ({getattr(error, 'strerror', None) or error})") from None
-    if is_folder:
+    if stat.S_ISDIR(status.st_mode):
         raise InputError(path, "is a folder", "a log file is needed")
-    if not size:
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(path, "is a pipe or a device", "a regular file is needed")
+    if not status.st_size:
         raise InputError(path, "is empty")
-    if size > MAX_BYTES:
-        raise InputError(path, f"has {size} bytes", f"at most {MAX_BYTES} are read")
+    if status.st_size > MAX_BYTES:
+        raise InputError(path, f"has {status.st_size} bytes", f"at most {MAX_BYTES} are read")
     try:
         table = reader(path, given)
     except OSError as error:

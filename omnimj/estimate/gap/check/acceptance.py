@@ -3,6 +3,7 @@
 What holds a dataset back, unless it is accepted:
 
 - `time_base`, `unit` and `sign`, if certain: no machine explains them, and no effect of typical size does
+- `magnitude`, if ten times what the machine can do: such values are none of its own
 - `delay`, if certain and longer than `longest_delay`: the effect `sensor_delay` is a finding of the search up
   to twice its typical size, and a delay beyond that is a fault of the logger
 
@@ -21,6 +22,7 @@ import numpy as np
 from omnimj.effects import effects_of
 from omnimj.errors import DataFaultError
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.check.magnitudes import FAR_BEYOND
 from omnimj.estimate.gap.check.suspicions import DataCheck, Suspicion
 from omnimj.estimate.gap.plants import Machine
 from omnimj.recording.dataset import Dataset, Run
@@ -44,7 +46,12 @@ def holding_back(check: DataCheck, plant: str) -> tuple[Suspicion, ...]:
     return tuple(
         s
         for s in check.suspicions
-        if s.is_certain and (s.kind in _WHOLE_LOG or (s.kind == "delay" and s.size > longest_delay(plant)))
+        if s.is_certain
+        and (
+            s.kind in _WHOLE_LOG
+            or (s.kind == "magnitude" and s.size > FAR_BEYOND)
+            or (s.kind == "delay" and s.size > longest_delay(plant))
+        )
     )
 
 

@@ -14,6 +14,8 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 _BEYOND = 1.5  # times the limit: a scale of typical size, noise and a push from outside stay below
+FAR_BEYOND = 10.0
+"""Times the limit of a channel from which a value is a fault of the data, however rare it is."""
 _RARE = 1e-3  # share of samples that may lie beyond, as bursts do
 _FEWEST = 3
 _BULK = 0.75  # quantile of a channel in motion that only another unit puts beyond its sensor's range
@@ -111,7 +113,7 @@ def magnitude_suspicions(
         others = [s for s in speeds if s != limit.channel]
         moving = [sizes[run.name][moving_mask(run, others)] for run in runs if run.name in sizes]
         usual = _quantile(np.concatenate(moving)) / limit.range
-        tops = {name: _top(values) / limit.value for name, values in sizes.items()}
+        tops = {name: _top(values, FAR_BEYOND * limit.value) / limit.value for name, values in sizes.items()}
         size = _unit(limit, usual) if usual > _UNIT else None
         if size is not None:
             yield _in_other_unit(limit, usual, size)
@@ -137,8 +139,10 @@ def _quantile(values: Array) -> float:
     return float(np.quantile(values, _BULK)) if values.size else 0.0
 
 
-def _top(values: Array) -> float:
-    """Largest value but for the few of bursts."""
+def _top(values: Array, far: float) -> float:
+    """Largest value but for the few of bursts, unless these are far beyond everything."""
+    if values.max() > far:
+        return float(values.max())
     rank = max(_FEWEST, int(_RARE * len(values)))
     return float(np.partition(values, len(values) - rank)[len(values) - rank])
 
