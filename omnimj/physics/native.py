@@ -186,9 +186,13 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
                 _report_damage(function.__qualname__)
                 _remove_files(folder, function)
                 compiled = decorator(*arguments, cache=True, **options)(function)
+            except OSError as error:
+                _report_no_cache(folder, error)
+                compiled = decorator(*arguments, **options)(function)
             finally:
                 numba.config.CACHE_DIR = before
         _recompile_damaged(compiled)
+        _continue_without_cache(compiled, folder)
         _optimize_lightly(compiled)
         _enter_on_demand(compiled)
         return compiled
@@ -221,6 +225,32 @@ def _recompile_damaged(compiled: Any) -> None:
             return None
 
     cache.load_overload = load_or_forget
+
+
+def _continue_without_cache(compiled: Any, folder: Path) -> None:
+    """Go on with a kernel that cannot be cached, for example since the disk is full."""
+    cache = compiled._cache
+    save = getattr(cache, "save_overload", None)
+    if save is None:  # compilation is switched off
+        return
+
+    def save_if_possible(*arguments: Any) -> None:
+        try:
+            save(*arguments)
+        except OSError as error:
+            _report_no_cache(folder, error)
+
+    cache.save_overload = save_if_possible
+
+
+@functools.cache
+def _warn(message: str) -> None:
+    """Log a message once."""
+    _LOGGER.warning(message)
+
+
+def _report_no_cache(folder: Path, error: OSError) -> None:
+    _warn(f"compiled code cannot be kept in {folder}: {error.strerror or error}")
 
 
 def _optimize_lightly(compiled: Any) -> None:

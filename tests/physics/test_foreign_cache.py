@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import no_file_beyond
 
 from omnimj.physics import native
 
@@ -63,6 +64,16 @@ def test_foreign_content_is_replaced_with_a_word(cache, caplog, content, kind):
     again = importlib.reload(module)
     assert again.twice(4.0) == 8.0 and sum(again.twice.stats.cache_hits.values()) == 1
     assert not caplog.messages
+
+
+def test_a_cache_on_a_full_disk_costs_a_word_and_no_run(tmp_path, monkeypatch, caplog):
+    (tmp_path / "kernel_on_full_disk.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(native, "cache_folder", lambda package: tmp_path / "cache")
+    with no_file_beyond(100), caplog.at_level(logging.WARNING, "omnimj.native"):
+        assert importlib.import_module("kernel_on_full_disk").twice(2.0) == 4.0
+    assert caplog.messages == [f"compiled code cannot be kept in {tmp_path / 'cache'}: File too large"]
+    assert not list((tmp_path / "cache").rglob("*.nb?"))
 
 
 def test_the_index_of_one_file_in_place_of_the_other_is_foreign_too(cache):
