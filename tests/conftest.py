@@ -10,6 +10,7 @@ import os
 
 import pytest
 from hypothesis import settings
+from undrawn_pages import without_embedding
 
 # as the command line does: small matrices, and several workers share the cores; numpy reads it when imported
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -22,21 +23,17 @@ settings.load_profile("kernels")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session):
-    """Keeps what importing and collecting makes, which stays, out of every later garbage collection."""
+    """Keeps what importing and collecting makes, which stays, out of every later garbage collection.
+
+    The hosts and devices of a link would put it back when they close.
+    """
     gc.disable()
     try:
         return (yield)
     finally:
         gc.enable()
         gc.freeze()
-
-
-@pytest.fixture(autouse=True)
-def frozen_collections():
-    """Keeps them out again after a test whose host or device of a link has thawed them."""
-    yield
-    if not gc.get_freeze_count():
-        gc.freeze()
+        gc.unfreeze = lambda: None
 
 
 @pytest.fixture
@@ -50,11 +47,10 @@ def measured(record_property):
 
 
 @pytest.fixture
-def undrawn(monkeypatch):
+def undrawn():
     """Plots of reports are made and not embedded: that takes time, and others test what is in them."""
-    nothing = {"embed": lambda drawings: ("", dict.fromkeys(drawings, "")), "library": lambda: ""}
-    for name, stub in nothing.items():
-        monkeypatch.setattr(f"omnimj.view.report.page.{name}", stub)
+    with without_embedding():
+        yield
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -6,6 +6,7 @@ values are computed from these motions, not written down.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -583,7 +584,7 @@ def interrupted() -> Finding:
     return replace(rig_named(), failure="interrupted", stages=rig_named().stages[:1])
 
 
-FINDINGS: Mapping[str, Callable[[], Finding]] = {
+_MAKERS: Mapping[str, Callable[[], Finding]] = {
     "named": rig_named,
     "ambiguous": rig_ambiguous,
     "unexplained": rig_unexplained,
@@ -593,3 +594,5 @@ FINDINGS: Mapping[str, Callable[[], Finding]] = {
     "robot": robot,
     "interrupted": interrupted,
 }
+FINDINGS = {name: functools.cache(make) for name, make in _MAKERS.items()}
+"""Functions that give the findings; each is made once."""

@@ -29,6 +29,24 @@ def latin(*axes: Iterable[Any]) -> list[Any]:
     return points
 
 
+def in_turn(*axes: Iterable[Any]) -> list[Any]:
+    """All combinations of the axes' values, of which the fast suite takes each value in turn.
+
+    It takes the first values together, then the second, and so on, where shorter axes begin again, until
+    every value of the longest axis has occurred once.
+    """
+    values = [list(axis) for axis in axes]
+    turns = range(max(map(len, values)))
+    chosen = {tuple(k % len(axis) for axis in values) for k in turns}
+    return [
+        pytest.param(
+            *(axis[place] for axis, place in zip(values, places, strict=True)),
+            marks=[pytest.mark.slow] * (places not in chosen),
+        )
+        for places in itertools.product(*(range(len(axis)) for axis in values))
+    ]
+
+
 def three_wheels_nightly(names: Iterable[str]) -> list[Any]:
     """Names of scenarios; those of robots with three wheels are slow, as their kernels compile apart."""
     return [

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -133,6 +134,15 @@ def _library(requirement: str) -> str:
     return re.split(r"[<>=!~ \[]", requirement)[0].lower()
 
 
+def imports_in(node: ast.AST, late: bool = False) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool]]:
+    """Imports below a node, and whether a function makes them."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import | ast.ImportFrom):
+            yield child, late
+        elif not isinstance(child, ast.expr):
+            yield from imports_in(child, late or isinstance(child, ast.FunctionDef))
+
+
 def test_every_library_that_is_imported_is_declared():
     """Those of an optional extra only where a function imports them: others never meet them."""
     project = PROJECT["project"]
@@ -145,16 +155,13 @@ def test_every_library_that_is_imported_is_declared():
     }
     installs = importlib.metadata.packages_distributions()
     for source in PACKAGE.rglob("*.py"):
-        tree = ast.parse(source.read_text(encoding="utf-8"))
-        functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-        late = {id(inner) for function in functions for inner in ast.walk(function)}
-        for node in ast.walk(tree):
+        for node, late in imports_in(ast.parse(source.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and not node.level:
                 names = [str(node.module)]
             for name in {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - {"omnimj"}:
                 library = COMES_WITH.get(name, name)
-                known = declared | extras if id(node) in late else declared
+                known = declared | extras if late else declared
                 assert known & {one.lower() for one in installs.get(library, [library])}, (source, name)
 
 

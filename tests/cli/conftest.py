@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from omnimj.cli.main import main
 from omnimj.plant.planar import PlanarRobot
 from omnimj.plant.planar_rig import PlanarRig
+from omnimj.view.picture import picture_of_run
 
 
 @pytest.fixture
@@ -34,6 +36,12 @@ def refused(capsys, monkeypatch, tmp_path):
         return lines[0]
 
     return call
+
+
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Pictures of runs are asked for and not rendered, as on a machine without OpenGL: that takes seconds."""
+    monkeypatch.setattr("omnimj.view.picture.picture_of_run", partial(picture_of_run, backends=()))
 
 
 @pytest.fixture

@@ -54,7 +54,9 @@ def test_what_was_recorded_until_then_is_written_and_one_line_reports_it(
     assert metrics["failure"] == trace.about["failure"] and not metrics["passed"]
 
 
-def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(capsys, tmp_path, monkeypatch):
+def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(
+    capsys, tmp_path, monkeypatch, unrendered
+):
     breaking(monkeypatch, 200, growth=1.5)
     code, _, lines = called(capsys, *RUN, "--out", str(tmp_path / "run"))
     assert all((tmp_path / "run" / name).stat().st_size > 1000 for name in ("report.html", "run.rrd"))

@@ -24,13 +24,32 @@ from omnimj.diagnosis.detectable_loss import LossInformation
 from omnimj.diagnosis.logs import read_machine
 from omnimj.diagnosis.model_misfit import inject
 from omnimj.diagnosis.replay import DiagnosisConfig
+from omnimj.estimate.gap.check import acceptance
 from omnimj.parameters import read_floors
 from omnimj.recording.dataset import Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.write_dataset import write_dataset
+from omnimj.simulate.suites.catalogue import find_suite
+from omnimj.simulate.suites.recording import RecordingConfig, record_suite
 
 FLOOR = {"floor": "natural_stone"}
 RATES = (100.0, 0.1, 0.001)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def checked_once():
+    """Recordings are checked for faults of their data at their first command only."""
+    found, check = {}, acceptance.sound_dataset
+
+    def first(dataset, machine, accept):
+        key = dataset.path, accept
+        if key not in found:
+            found[key] = check(dataset, machine, accept)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(acceptance, "sound_dataset", first)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +68,10 @@ def files(folder, tmp_path_factory):
     found = {}
     with pytest.MonkeyPatch.context() as patch:
         # what is seen in the recordings does not depend on the rate
-        patch.setattr(calibrating, "_maxima", cache_of(calibrating._maxima))
-        # a minute of motion is too short for these rates, which is weighed elsewhere
+        patch.setattr(calibrating, "_maxima", seen_in)
+        # a minute of motion is too short for these rates, which is weighed elsewhere, as is what remains
         patch.setattr(calibrating, "_misfit", lambda *_: None)
+        patch.setattr(calibrating, "_passes", unless_checking)
         for rate in RATES:
             found[rate] = out / f"{rate:g}.toml"
             argv = ["calibrate", str(folder), "--false-alarms-per-hour", str(rate)]
@@ -59,16 +79,16 @@ def files(folder, tmp_path_factory):
     return found
 
 
-def cache_of(function):
-    """The same result ever after."""
-    found = []
+def unless_checking(config, progress, phase, *watch, passes=calibrating._passes):
+    """Replays of a phase; those that look for remaining diagnoses find none."""
+    return [] if phase == "checking" else passes(config, progress, phase, *watch)
 
-    def first(*arguments):
-        if not found:
-            found.append(function(*arguments))
-        return found[0]
 
-    return first
+def seen_in(config, progress, *, measure=calibrating._maxima, found={}):  # noqa: B006 it is kept
+    """Maxima in recordings, measured at their first command only."""
+    if config.dataset.path not in found:
+        found[config.dataset.path] = measure(config, progress)
+    return found[config.dataset.path]
 
 
 def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(files):
@@ -100,14 +120,21 @@ def test_the_file_states_its_origin(files, folder):
 
 @pytest.fixture
 def weighed_once(monkeypatch):
-    """Recordings are measured and weighed at the first command only, with few losses injected.
+    """Recordings are calibrated with at the first command only, with few losses injected.
 
-    Neither depends on whether the thresholds are accepted; how many injected losses are found is a test of
-    its own.
+    The calibration does not depend on whether its thresholds are accepted; how many injected losses are found
+    is a test of its own.
     """
-    for name in ("_maxima", "_misfit"):
-        monkeypatch.setattr(calibrating, name, cache_of(getattr(calibrating, name)))
-    monkeypatch.setattr(model_misfit, "INJECTIONS", 8)
+    found, calibrate = [], calibrating.calibrate
+
+    def first(*arguments):
+        if not found:
+            found.append(calibrate(*arguments))
+        return found[0]
+
+    monkeypatch.setattr(calibrating, "_maxima", seen_in)
+    monkeypatch.setattr(calibrating, "calibrate", first)
+    monkeypatch.setattr(model_misfit, "INJECTIONS", 4)
 
 
 def test_the_extent_of_extrapolation_is_printed(weighed_once, folder, files, tmp_path, capsys):
@@ -133,8 +160,9 @@ def test_the_extent_of_extrapolation_is_printed(weighed_once, folder, files, tmp
 def misfitting(tmp_path_factory):
     """Healthy missions of a robot with an axle far off its direction, which its model does not know of."""
     path = tmp_path_factory.mktemp("data") / "twisted"
-    effect = ("--effect", "wheel_misalignment:wheel=1,angle=0.6", "--plant", "planar")
-    assert main(["record", "robot_missions", *effect, "--out", str(path)]) == 0
+    effects = {"wheel_misalignment": {"wheel": 1, "angle": 0.6}}
+    config = RecordingConfig(path, plant="planar", effects=effects)
+    record_suite(find_suite("robot_missions"), config, choose=lambda planned: planned[:4])
     return path
 
 
@@ -261,6 +289,7 @@ def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, r
 def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(calibrating, "MIN_STRETCHES", 1)
     monkeypatch.setattr(calibrating, "STRETCH", 3.0)
+    monkeypatch.setattr(calibrating, "_misfit", lambda *_: None)
     gyro = np.array(driven()["yaw"])
     gyro[5000:] = (gyro[5000:] + 0.2 * np.arange(len(gyro) - 5000) * 1e-3) % (2.0 * np.pi)
     turning = Run("turning", {**as_run(driven()).columns, "yaw": gyro}, {}, FLOOR)

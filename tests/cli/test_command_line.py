@@ -79,7 +79,7 @@ def test_json_is_the_content_of_metrics_json(capsys, tmp_path, plain_files):
     assert json.loads((tmp_path / "run" / "metrics.json").read_text(encoding="utf-8")) == printed
 
 
-def test_out_holds_the_run_and_is_not_overwritten_without_force(capsys, tmp_path):
+def test_out_holds_the_run_and_is_not_overwritten_without_force(capsys, tmp_path, undrawn, unrendered):
     out = tmp_path / "a" / "run"
     assert called(capsys, *QUICK, "--out", str(out))[0] == 0
     assert sorted(p.name for p in out.iterdir()) == [
@@ -218,7 +218,7 @@ def test_a_closed_output_pipe_is_no_traceback(sink, codes):
     assert b"Traceback" not in done.stderr
 
 
-def test_the_kinematic_level_runs_without_a_plant(capsys, tmp_path, undrawn):
+def test_the_kinematic_level_runs_without_a_plant(capsys, tmp_path, undrawn, unrendered):
     argv = (
         "run",
         "circle_8m_kinematic",
@@ -235,7 +235,7 @@ def test_the_kinematic_level_runs_without_a_plant(capsys, tmp_path, undrawn):
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
 
 
-def test_the_rig_runs(capsys, tmp_path, undrawn):
+def test_the_rig_runs(capsys, tmp_path, undrawn, unrendered):
     argv = ("run", "rig_lateral", "--plant", "planar", "--out", str(tmp_path / "run"))
     code, out, _ = called(capsys, *argv)
     assert code == 0 and "final_current" in out

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
-import numpy as np
 import pytest
 from driven_missions import as_run, driven
 from made_findings import rig_named
@@ -20,7 +19,11 @@ from omnimj.cli.main import main
 from omnimj.errors import DataFaultError
 from omnimj.estimate.gap.files import digest
 from omnimj.parameters import read_floors, read_rig
+from omnimj.recording.dataset import Dataset
+from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.write_dataset import DatasetWriter, write_dataset
+from omnimj.simulate.suites.catalogue import find_suite
+from omnimj.simulate.suites.recording import RecordingConfig, record_suite
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -30,10 +33,10 @@ FLOOR = {"floor": "natural_stone"}
 
 @pytest.fixture(scope="module")
 def axis(tmp_path_factory):
-    """A linear axis in motion, as CSV."""
-    path = tmp_path_factory.mktemp("axis") / "runs"
-    assert main(["record", "axis_moves", "--repeats", "1", "--format", "csv", "--out", str(path)]) == 0
-    return path
+    """Three moves of a linear axis."""
+    config = RecordingConfig(tmp_path_factory.mktemp("axis") / "runs", repeats=1)
+    record_suite(find_suite("axis_moves"), config, choose=lambda planned: planned[:3])
+    return read_dataset(config.folder)
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +63,14 @@ def robot(tmp_path_factory):
     return path
 
 
-def damaged(axis: Path, path: Path, **scales: float) -> str:
+def damaged(axis: Dataset, path: Path, **scales: float) -> str:
     """The runs of the axis with some columns scaled in their files."""
-    path.mkdir()
-    (path / "dataset.toml").write_text((axis / "dataset.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    for file in axis.glob("*.csv"):
-        head, *rows = file.read_text(encoding="utf-8").splitlines()
-        names = head.split(",")
-        table = np.array([row.split(",") for row in rows], float)
-        for name, factor in scales.items():
-            table[:, names.index(name)] *= factor
-        np.savetxt(path / file.name, table, "%.9g", ",", header=head, comments="")
+    factors = dict.fromkeys(axis.runs[0].columns, 1.0) | scales
+    runs = [
+        replace(run, columns={name: factors[name] * values for name, values in run.columns.items()})
+        for run in axis.runs
+    ]
+    write_dataset(path, "linear_axis", {}, runs)
     return str(path)
 
 

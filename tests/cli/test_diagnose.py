@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 from pathlib import Path
@@ -46,9 +48,11 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def done(folder, tmp_path_factory):
-    """The folder that the command leaves."""
-    out = tmp_path_factory.mktemp("done") / "out"
-    assert main(["diagnose", str(folder), "--out", str(out)]) == 0
+    """The folder that the command leaves, with what it prints beside it."""
+    out, printed = tmp_path_factory.mktemp("done") / "out", io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        assert main(["diagnose", str(folder), "--out", str(out)]) == 0
+    (out.parent / "printed").write_text(printed.getvalue(), encoding="utf-8")
     return out
 
 
@@ -97,14 +101,14 @@ def test_the_report_holds_the_verdict_and_works_offline(done):
     assert not re.search(r"https?://", re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL))
 
 
-def test_the_terminal_gets_a_table_and_json_is_what_is_written(folder, tmp_path, capsys):
-    assert main(["diagnose", str(folder), "--out", str(tmp_path / "a")]) == 0
-    printed = capsys.readouterr().out
+def test_the_terminal_gets_a_table_and_json_is_what_is_written(done, tmp_path, capsys):
+    printed = (done.parent / "printed").read_text(encoding="utf-8")
     assert re.search(r"run +what +when +confidence", printed)
     assert re.search(r"healthy +nothing found +cannot judge", printed) and "motor 2 is weak" in printed
     assert "1 diagnosis in 1 of 2 runs" in printed
-    assert main(["diagnose", str(folder), "--json", "--out", str(tmp_path / "b")]) == 0
-    assert json.loads(capsys.readouterr().out) == read_diagnoses(tmp_path / "b")
+    short = written(tmp_path / "short")
+    assert main(["diagnose", short, "--json", "--out", str(tmp_path / "out")]) == 0
+    assert json.loads(capsys.readouterr().out) == read_diagnoses(tmp_path / "out")
 
 
 @pytest.mark.parametrize("change", ["csv", "no commands"])
@@ -179,10 +183,11 @@ def test_ctrl_c_before_the_first_run_leaves_nothing(folder, tmp_path, monkeypatc
     assert not (tmp_path / "out").exists()
 
 
-def test_force_replaces_an_earlier_result_and_nothing_else(folder, tmp_path):
+def test_force_replaces_an_earlier_result_and_nothing_else(tmp_path_factory, tmp_path):
+    short = written(tmp_path_factory.mktemp("data") / "short")
     (tmp_path / "mine.txt").write_text("precious")
     (tmp_path / "report.html").write_text("old")
-    assert main(["diagnose", str(folder), "--out", str(tmp_path), "--force"]) == 0
+    assert main(["diagnose", short, "--out", str(tmp_path), "--force"]) == 0
     assert (tmp_path / "mine.txt").read_text() == "precious"
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 

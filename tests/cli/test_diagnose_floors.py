@@ -7,7 +7,10 @@ import pytest
 from made_floor_logs import floors_toml, log, one_floor_logs, plan
 
 from omnimj.cli.main import main
+from omnimj.diagnosis.floor_labels import calibration
 from omnimj.recording.write_dataset import DatasetWriter
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 SOFT, HARD = 0, 1
 
@@ -30,8 +33,23 @@ def folders(tmp_path_factory):
     labels = [(0.0, (HARD, HARD, SOFT)), (6.0, (HARD, SOFT, SOFT))]
     known = {"floor": "hard", "start_floors": "hard, hard, soft"}
     written(base / "edge", [log(made, "over", 0.4, labels, 3, conditions=known)])
-    written(base / "single", one_floor_logs(made).runs)
+    written(base / "single", one_floor_logs(made, many=4).runs)
     return base
+
+
+@pytest.fixture(scope="module", autouse=True)
+def learnt_once():
+    """Noise and threshold are learnt from the runs on one floor at the first command only."""
+    found, learn = [], calibration.calibrate_labels
+
+    def first(plan, datasets):
+        if not found:
+            found.append(learn(plan, datasets))
+        return found[0]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(calibration, "calibrate_labels", first)
+        yield
 
 
 def options(base, *more):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,9 @@ from rig_runs import twin_run
 from omnimj.cli.main import main
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
+from omnimj.studies import workers
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +39,34 @@ def night(one, tmp_path) -> Path:
     return tmp_path / "night"
 
 
+class Copying(Executor):
+    """Does at once, with copies, what a process would get of the work."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        work, its_args, its_kwargs = pickle.loads(pickle.dumps((fn, args, kwargs)))
+        try:
+            future.set_result(pickle.loads(pickle.dumps(work(*its_args, **its_kwargs))))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@pytest.mark.slow
+def test_processes_diagnose_each_dataset_of_a_fleet_as_it_is_alone(one, night, tmp_path, capsys):
+    diagnosed_alike(one, night, tmp_path, capsys)
+
+
 @pytest.mark.parametrize("executor", [(), ("--executor", "threads", "--workers", "2")])
-def test_each_dataset_of_a_fleet_is_diagnosed_as_it_is_alone(one, night, tmp_path, capsys, executor):
+def test_each_dataset_of_a_fleet_is_diagnosed_as_it_is_alone(
+    one, night, tmp_path, capsys, executor, monkeypatch
+):
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: Copying())
+    diagnosed_alike(one, night, tmp_path, capsys, executor)
+
+
+def diagnosed_alike(one, night, tmp_path, capsys, executor=()):
+    """Diagnoses a folder of datasets, and compares with the diagnosis of one."""
     assert main(["diagnose", str(one), "--out", str(tmp_path / "alone")]) == 0
     capsys.readouterr()
     assert main(["diagnose", str(night), "--out", str(tmp_path / "out"), *executor]) == 1

@@ -58,6 +58,12 @@ def plain_views(monkeypatch):
     monkeypatch.setattr("omnimj.view.rerun.before_after.write_before_after", touch)
 
 
+@pytest.fixture
+def few_figures(monkeypatch, undrawn):
+    """Figures of one run on the report: they take most of its time, and others test what is in them."""
+    monkeypatch.setattr("omnimj.view.report.gap.MOST_FIGURES", 1)
+
+
 def called(capsys, *argv: str) -> tuple[int, str, str]:
     code = main(list(argv))
     out, err = capsys.readouterr()
@@ -70,7 +76,7 @@ def refused(capsys, *argv: str) -> str:
     return err
 
 
-def test_a_search_leaves_model_digest_report_and_recording(capsys, tmp_path, search):
+def test_a_search_leaves_model_digest_report_and_recording(capsys, tmp_path, search, few_figures):
     calls = search(rig_named())
     argv = ("gap", "data", "--holdout", "i090_m35, slow", "--seed", "5", "--out", str(tmp_path / "out"))
     code, _, err = called(capsys, *argv)
@@ -167,7 +173,7 @@ def test_without_a_name_there_is_no_new_model(capsys, tmp_path, search, plain_vi
     assert not (tmp_path / "out" / "model.toml").exists()
 
 
-def test_a_search_that_was_interrupted_keeps_what_it_found(capsys, tmp_path, search):
+def test_a_search_that_was_interrupted_keeps_what_it_found(capsys, tmp_path, search, plain_views):
     search(FINDINGS["interrupted"]())
     code, out, _ = called(capsys, "gap", "data", "--out", str(tmp_path / "out"))
     assert code == 130 and "interrupted" in out

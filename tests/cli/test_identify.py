@@ -8,6 +8,7 @@ import pytest
 from rig_runs import twin_run
 
 from omnimj.cli.main import main
+from omnimj.estimate.identification import identify as identifying
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
 
@@ -23,6 +24,21 @@ def folder(tmp_path_factory):
     for seed, current in enumerate((0.6, 0.9, 1.2, 1.5)):
         writer.add(twin_run(rig, floor, current, seed, name=f"run_{round(100 * current):03d}"))
     return path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def identified_once():
+    """A floor is identified at the first command only."""
+    found, identify = {}, identifying.identify_floor
+
+    def first(floor, runs, rig, place):
+        if floor not in found:
+            found[floor] = identify(floor, runs, rig, place)
+        return found[floor]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(identifying, "identify_floor", first)
+        yield
 
 
 def test_it_writes_floors_numbers_and_report(folder, tmp_path, capsys):

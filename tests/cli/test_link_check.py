@@ -9,6 +9,8 @@ import pytest
 from wired_devices import planar, served
 
 from omnimj.cli.main import main
+from omnimj.link.check.motions import MotionSequence
+from omnimj.link.check.wiring import WiringFinding
 from omnimj.link.device.emulated import WiringDefect
 
 LOCK_STEP = ("--lock-step", "--on-floor", "--yes", "--json")
@@ -25,6 +27,18 @@ def test_a_robot_that_is_wired_well_passes_over_a_real_wire(capsys):
     assert code == 0 and found["passed"] and found["wiring"] == []
 
 
+def test_what_the_motions_show_is_reported_by_name_and_fails_the_check(capsys, monkeypatch):
+    found = [WiringFinding("motor_4", "sign", "motor 4 is inverted")]
+    monkeypatch.setattr(MotionSequence, "_record", lambda *_: None)
+    monkeypatch.setattr("omnimj.link.check.wiring.judge_wiring", lambda *_: found)
+    with served(planar(), "udp") as address:
+        code, told = checked(capsys, address, *LOCK_STEP)
+    assert code == 1 and not told["passed"]
+    assert told["wiring"] == [{"place": "motor_4", "kind": "sign", "words": "motor 4 is inverted"}]
+    assert {"step": "motor_4", "found": "motor 4 is inverted", "ok": False} in told["steps"]
+
+
+@pytest.mark.slow
 def test_wrong_signs_are_reported_by_name_and_the_check_fails(capsys):
     defects = [WiringDefect("sign", "wheel_speed_2"), WiringDefect("sign", "motor_4")]
     with served(planar(), "udp", defects=defects) as address:

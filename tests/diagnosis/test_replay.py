@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driven_missions import ONSET, as_dataset, as_run, driven
+from nightly import latin, representative
 
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.blocks import BLOCK
@@ -147,7 +148,7 @@ def test_a_log_that_begins_in_the_middle_of_a_motion_raises_no_alarm():
         assert not [d for d in found.diagnoses if d.time < driven()["time"][row] + 1.0]
 
 
-@pytest.mark.parametrize("lost", [10, 50, 95, 400])
+@pytest.mark.parametrize("lost", representative(95, 400, 10, 50, keep=2))
 def test_a_gap_in_the_middle_of_a_motion_raises_no_alarm(lost):
     run = without(as_run(driven()), first_fast_row(), lost)
     found = diagnose(run)
@@ -166,7 +167,7 @@ def irregular(run: Run, seed: int) -> Run:
     return dataclasses.replace(run, columns={name: values[keep] for name, values in run.columns.items()})
 
 
-@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("seed", representative(11, 12, 13))
 def test_an_irregular_log_of_a_healthy_robot_raises_no_alarm_and_its_gaps_cannot_be_judged(seed):
     whole = as_run(driven(28.0, seed))
     run = irregular(whole, seed)
@@ -187,8 +188,7 @@ def diagnosed_whole():
     return diagnose(as_run(driven(weak=True))).diagnoses
 
 
-@pytest.mark.parametrize("lost", [50, 150, 600])
-@pytest.mark.parametrize("later", [100, 400, 1500])
+@pytest.mark.parametrize(("lost", "later"), latin((50, 150, 600), (100, 400, 1500)))
 def test_what_was_diagnosed_before_a_gap_stays_listed_once(later, lost):
     run, (before,) = as_run(driven(weak=True)), diagnosed_whole()
     row = int(np.argmax(run.time > before.time)) + later

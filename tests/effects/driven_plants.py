@@ -10,6 +10,7 @@ from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
 from omnimj.plant.planar import PlanarRobot
 from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import CurrentCommand
+from omnimj.simulate.driving import drive_rig
 
 RIG, ROBOT, FLOORS = read_rig(), read_robot(), read_floors()
 STONE = FLOORS["natural_stone"]
@@ -57,12 +58,10 @@ def rig_run(machine, kind, steps, lateral_speed=0.0, currents=None, **options):
     plant = (
         RigTwin(machine, STONE, **options) if kind == "twin" else PlanarRig(machine, STONE.name, **options)
     )
-    plant.reset()
-    rows = []
-    for current in rig_currents(steps) if currents is None else currents:
-        m = plant.step(CurrentCommand(np.array([current])))
-        rows.append((m.current, m.wheel_speed, m.carriage_speed, m.carriage_acceleration))
-    return np.array(rows)
+    currents = rig_currents(steps) if currents is None else currents
+    trace = drive_rig(plant, np.append(currents, 0.0))  # a row holds what was read before its current
+    names = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
+    return np.column_stack([trace[name][1:] for name in names])
 
 
 def robot_run(machine, kind, steps, currents=None, **options):

@@ -25,19 +25,32 @@ CASES += [("uto_robot", ROBOT, 1300, *case) for case in ROBOT_CASES]
 IDS = ["-".join((plant[:5], name, *map(str, choice.values()))) for plant, _, _, name, choice in CASES]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("plant", "machine", "steps", "name", "choice"), CASES, ids=IDS)
+BOTH = [
+    pytest.param(*case, kind, id=f"{kind}-{label}", marks=[pytest.mark.slow] * ((place + k) % 2))
+    for place, (case, label) in enumerate(zip(CASES, IDS, strict=True))
+    for k, kind in enumerate(KINDS)
+]
+"""Every case on both plants; the fast suite takes one of the two, in turn."""
+
+
+@pytest.mark.parametrize(("plant", "machine", "steps", "name", "choice", "kind"), BOTH)
 def test_a_typical_size_shows_and_the_vanishing_value_is_nothing(plant, machine, steps, name, choice, kind):
     effect = effects_of(plant)[name]
     untouched = without(plant, kind, steps)
-    gone = run(plant, with_effects(machine, {name: {**effect.null_values(), **choice}}), kind, steps)
-    assert np.array_equal(gone, untouched)
+    nothing = with_effects(machine, {name: {**effect.null_values(), **choice}})
+    assert np.array_equal(run(plant, nothing, kind, steps), untouched)
     typical = run(plant, with_effects(machine, {name: choice}), kind, steps)
     assert np.all(np.isfinite(typical))
     assert np.abs(typical - untouched).max() > 1e-3
 
 
-@pytest.mark.parametrize(("plant", "machine", "steps", "name", "choice"), CASES, ids=IDS)
+@pytest.mark.parametrize(
+    ("plant", "machine", "steps", "name", "choice"),
+    [
+        pytest.param(*case, id=label, marks=[pytest.mark.slow] * (case[-2] == before[-2]))
+        for before, case, label in zip([CASES[-1], *CASES], CASES, IDS, strict=False)
+    ],
+)
 def test_at_its_bounds_an_effect_leaves_finite_numbers(plant, machine, steps, name, choice):
     effect = effects_of(plant)[name]
     for bound in ("low", "high"):

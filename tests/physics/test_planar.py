@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from nightly import in_turn
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
@@ -99,10 +100,13 @@ def _integrated(state, command, constants, floors, duration, published=False):
     ).y.T  # fmt: skip
 
 
-@pytest.mark.parametrize("published", [False, True])
-@pytest.mark.parametrize("payload", [(0.0, 0.0, 0.0), (5.0, 0.1, -0.05)])
 @pytest.mark.parametrize(
-    "floor", ["natural_stone", "pvc", "paperboard", "oil", "nylon", "dry_asphalt", "linoleum", *SOFT]
+    ("floor", "payload", "published"),
+    in_turn(
+        ["natural_stone", "pvc", "paperboard", "oil", "nylon", "dry_asphalt", "linoleum", *SOFT],
+        [(5.0, 0.1, -0.05), (0.0, 0.0, 0.0)],
+        [False, True],
+    ),
 )
 def test_fixed_step_agrees_with_an_adaptive_integrator(floor, payload, published):
     constants = planar_constants(ROBOT, payload=payload)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nightly import in_turn
 from rig_reference import integrate, rates
 from scipy.integrate import solve_ivp
 
@@ -48,8 +49,10 @@ def _run(current, floor="natural_stone", mass=3.9593, duration=2.0, lateral=0.0,
     return np.array(states), np.array(outputs)
 
 
-@pytest.mark.parametrize("mass", RIG.rig.masses)
-@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "natural_stone_capped", "oil"])
+@pytest.mark.parametrize(
+    ("floor", "mass"),
+    in_turn(["natural_stone", "pvc", "paperboard", "natural_stone_capped", "oil"], RIG.rig.masses),
+)
 def test_fixed_step_agrees_with_the_independent_reference(floor, mass):
     for current in (0.15, 0.2, 0.45, 0.75, 1.05, 1.5):
         _, speed, wheel_speed = integrate(RIG, FLOORS[floor], mass, current, 1.5)
@@ -58,8 +61,7 @@ def test_fixed_step_agrees_with_the_independent_reference(floor, mass):
         assert np.sqrt(np.mean((states[:, 1] - wheel_speed) ** 2)) * RIG.wheel.radius < 1e-3
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "soft"])
-@pytest.mark.parametrize("lateral", [0.2, -0.2, 0.65, -0.65])
+@pytest.mark.parametrize(("lateral", "floor"), in_turn([0.65, -0.2, -0.65, 0.2], ["natural_stone", "soft"]))
 def test_fixed_step_agrees_with_the_reference_while_moving_sideways(lateral, floor):
     for current in (0.6, 1.5):
         _, speed, _ = integrate(RIG, FLOORS[floor], 3.9593, current, 1.5, lateral)

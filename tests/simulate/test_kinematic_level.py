@@ -1,6 +1,7 @@
 """Section 6.1 of the source: what weights and the yaw-rate loop do where there are no forces."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ ANGLE = 0.00248
 MISALIGNED = KinematicCase(misalignment=(ANGLE, 0.0, -ANGLE, 0.0))
 
 
-def reference(table, duration, period=1e-3):
+def reference(table, duration, period=4e-3):
     return read_drive(table, "drive", duration, period).reference
 
 
@@ -87,6 +88,7 @@ def test_path_after_the_loss_is_that_of_an_independent_integration(weight):
     np.testing.assert_allclose(found, independent(weight), atol=1e-5)
 
 
+@functools.cache
 def square_deviation(gain, **options):
     return largest_deviation(driven(reference(SQUARE, 24.0), MISALIGNED, gain, **options))
 
@@ -111,7 +113,7 @@ def test_rotating_by_the_measured_heading_removes_what_drift_does_to_the_path():
 
 def test_twist_columns_are_the_motion_and_wheel_speeds_the_demand():
     table = {"kind": "profile", "speed": 0.5, "yaw_rate": 0.4, "direction": 1.0, "heading": 0.3}
-    trace = driven(reference(table, 3.0), KinematicCase(), yaw_gain=2.0)
+    trace = driven(reference(table, 3.0, 1e-3), KinematicCase(), yaw_gain=2.0)
     k = 2000
     twist = np.array([trace[f"twist_{axis}"][k] for axis in ("x", "y", "yaw")])
     step = (trace["x"][k + 1] - trace["x"][k], trace["y"][k + 1] - trace["y"][k])
@@ -124,7 +126,7 @@ def test_twist_columns_are_the_motion_and_wheel_speeds_the_demand():
 def test_lost_wheel_stands_still_from_its_time_on():
     case = KinematicCase(lost_wheel=3, lost_from=2.0)
     speed = driven(reference(CIRCLE, 10.0), case)["wheel_speed_3"]
-    assert np.all(speed[2000:] == 0.0) and np.all(speed[1:1999] != 0.0)
+    assert np.all(speed[500:] == 0.0) and np.all(speed[1:499] != 0.0)
 
 
 def test_finer_sampling_changes_the_deviation_by_less_than_a_millimetre():

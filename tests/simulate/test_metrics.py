@@ -178,7 +178,7 @@ def test_metrics_list_every_fault_in_order_of_its_onset():
     assert 1.0 < patch[0]["end"] < 2.0
     motor = driven("degraded_motor").metrics["faults"]
     assert motor == [{"kind": "motor", "wheel": 1, "onset": 0.8, "end": None, "loss": 0.57}]
-    kinds = [f["kind"] for f in driven("square_path_kinematic").metrics["faults"]]
+    kinds = [f["kind"] for f in driven("square_path_kinematic", "duration=1.0").metrics["faults"]]
     assert kinds == ["misalignment", "misalignment"]
 
 

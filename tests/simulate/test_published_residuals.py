@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import rig_reference
+from nightly import latin
 from published_reference import rig_force_rms, robot_force_rms, running_rms
 from scipy.integrate import solve_ivp
 
@@ -41,8 +42,7 @@ def rig_run(faults="", current=0.9, plant="planar", variant="repaired"):
     return test, run_with_residuals(TrainingRun(test, 7, False), DetectorOptions(variant), plant)
 
 
-@pytest.mark.parametrize("faults", ["", MOTOR])
-@pytest.mark.parametrize("plant", ["planar", "twin"])
+@pytest.mark.parametrize(("faults", "plant"), latin(["", MOTOR], ["planar", "twin"]))
 def test_r7_and_r8_are_what_the_columns_of_the_trace_give(faults, plant):
     test, trace = robot_run(faults, plant=plant)
     assert isinstance(test.constants, Robot)
@@ -54,8 +54,7 @@ def test_r7_and_r8_are_what_the_columns_of_the_trace_give(faults, plant):
     assert (found[-1] > 1.5).any() == bool(faults)
 
 
-@pytest.mark.parametrize("faults", ["", RIG_MOTOR])
-@pytest.mark.parametrize("plant", ["planar", "twin"])
+@pytest.mark.parametrize(("faults", "plant"), latin(["", RIG_MOTOR], ["planar", "twin"]))
 def test_r2_is_what_the_columns_of_the_trace_give(faults, plant):
     test, trace = rig_run(faults, plant=plant)
     assert isinstance(test.constants, Rig)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nightly import checkerboard
+from nightly import in_turn, representative
 
 from omnimj.control.cascade.controller import Controller
 from omnimj.control.compiled import CompiledController
@@ -38,7 +38,7 @@ def metrics(wheel, fault, plant="planar"):
     return run_scenario(read_scenario("three_wheel_weak_motor", overrides), plant, "robust").metrics
 
 
-@pytest.mark.parametrize(("wheel", "loss"), checkerboard(WHEELS, [0.57, 0.8]))
+@pytest.mark.parametrize(("wheel", "loss"), in_turn(WHEELS, [0.57, 0.8]))
 def test_a_weak_motor_of_three_is_isolated_and_nothing_else_is_named(wheel, loss):
     result = metrics(wheel, f"kind = 'motor', onset = 0.8, loss = {loss}")
     assert result["isolated"] and result["false_alarms"] == 0 and len(result["diagnoses"]) == 1
@@ -53,7 +53,8 @@ def test_a_slipping_wheel_of_three_is_isolated_and_let_go_and_nothing_else_is_na
     assert 1.3 < result["diagnoses"][0]["cleared"] < 1.9
 
 
-@pytest.mark.parametrize(("plant", "way", "wheel"), checkerboard(["planar", "twin"], [1.0, -1.0], WHEELS))
+@pytest.mark.parametrize(("way", "wheel"), in_turn([1.0, -1.0], WHEELS))
+@pytest.mark.parametrize("plant", representative("planar", "twin"))
 def test_a_motor_of_three_that_dies_while_it_alone_carries_the_drive_is_all_that_is_named(plant, way, wheel):
     overrides = (
         f"drive.direction={way * math.pi / 2 + (wheel - 1) * 2.0 * math.pi / 3.0}",

@@ -6,17 +6,17 @@ import errno
 import functools
 import os
 import pickle
-import signal
 import sys
-import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from inline_executor import quiet
+from mortal_workers import die_last, die_once, numbered
 from short_push import scenario_file
 
 from omnimj.errors import InputError, SimulationError, UnknownNameError
@@ -33,47 +33,57 @@ from omnimj.studies.tuning.trial import drive_trial
 from omnimj.studies.workers import WorkerPool, run_in_workers
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """Two worker processes."""
+@contextmanager
+def cluster_of(workers: int, **more: Any) -> Iterator[Any]:
+    """A cluster on this machine."""
     distributed = pytest.importorskip("distributed")
     with (
         warnings.catch_warnings(),
         distributed.LocalCluster(
-            n_workers=2,
+            n_workers=workers,
             threads_per_worker=1,
-            processes=True,
             dashboard_address=":0",  # any free port
             host="127.0.0.1",
             silence_logs=50,
+            **more,
         ) as found,
     ):
         warnings.simplefilter("ignore")  # of the library's own shutdown
         yield found
 
 
+@pytest.fixture(scope="module")
+def cluster():
+    """Two worker processes."""
+    with cluster_of(2, processes=True) as found:
+        yield found
+
+
 @pytest.fixture
 def dask(cluster):
+    """Of two worker processes."""
     with open_executor(f"dask:{cluster.scheduler_address}") as executor:
         yield executor
 
 
-def die_once(mark: Path, number: int) -> dict[str, int]:
-    """Its worker is killed by the first to come by."""
-    try:
-        mark.open("x").close()
-    except FileExistsError:
-        return {"number": number}
-    os.kill(os.getpid(), signal.SIGKILL)
-    return {}
+@pytest.fixture
+def dask_here():
+    """Of two workers in threads of this process, which are sent their work over a socket all the same."""
+    with (
+        cluster_of(2, processes=False, protocol="tcp://") as found,
+        open_executor(f"dask:{found.scheduler_address}") as executor,
+    ):
+        yield executor
 
 
-def die_last(number: int) -> dict[str, int]:
-    """The last of three kills its worker, every time, when the worker has reported what it did before."""
-    if number == 2:
-        time.sleep(0.3)
-        os.kill(os.getpid(), signal.SIGKILL)
-    return {"number": number}
+@pytest.fixture
+def dask_of_one():
+    """Of one worker process; when it dies, the cluster starts another."""
+    with (
+        cluster_of(1, processes=True) as found,
+        open_executor(f"dask:{found.scheduler_address}") as executor,
+    ):
+        yield executor
 
 
 def driven_by_all(function: Callable[..., Any], tasks: Mapping[str, tuple], dask: Executor) -> dict[str, Any]:
@@ -110,7 +120,7 @@ def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp
     assert "diagnoses" in here
 
 
-def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
+def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask_here):
     file = scenario_file(tmp_path, faults="")
     (scenario,) = read_tuned_scenarios((file,), None).values()
     tasks = {
@@ -123,7 +133,7 @@ def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_clust
         for gain in (1.0, 4.0)
     }
 
-    here = driven_by_all(drive_trial, tasks, dask)
+    here = driven_by_all(drive_trial, tasks, dask_here)
     assert here["0_1.0"] != here["0_4.0"] and "facts" in str(here["0_1.0"])
 
 
@@ -168,10 +178,12 @@ def test_cases_of_the_gap_benchmark_are_the_same_by_processes_by_threads_and_by_
     assert benchmark("dask", dask) == here
 
 
-def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask):
+def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask_of_one):
     tasks = {f"task_{k}": (tmp_path / "mark", k) for k in range(8)}
     trials = TrialFolder(tmp_path)
-    assert run_in_workers(lambda w: w.run_all(die_once, tasks, trials.write, "working", quiet), 1, dask)
+    assert run_in_workers(
+        lambda w: w.run_all(die_once, tasks, trials.write, "working", quiet), 1, dask_of_one
+    )
     assert [trials.read(name) for name in tasks] == [{"number": k} for k in range(8)]
 
 
@@ -202,10 +214,6 @@ def test_lost_work_is_reported_when_all_the_rest_is_kept_and_done_when_it_is_rep
     assert sum(trials.read(name) is not None for name in tasks) == 4
     assert run_in_workers(work, 1, Lossy(-1))
     assert trials.read("task_3") == {"number": 3}
-
-
-def numbered(number: int) -> dict[str, int]:
-    return {"number": number}
 
 
 def test_a_started_worker_process_that_dies_costs_what_was_under_way_and_nothing_else(tmp_path):

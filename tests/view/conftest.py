@@ -9,6 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from diagnosed_runs import LONG, diagnosis_record, with_robust
+from PIL import Image
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.parameters import Rig, Robot, read_rig, read_robot
@@ -16,7 +18,9 @@ from omnimj.physics.kinematics import rolling_matrix
 from omnimj.plant.ground import Patch
 from omnimj.resources import models_folder
 from omnimj.signals import Trace
+from omnimj.view.picture import Picture
 from omnimj.view.poses import Poses, poses_from_trace
+from omnimj.view.report.run import write_report
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,12 @@ def rig_trace() -> Trace:
 
 
 @pytest.fixture(scope="session")
+def robot_path(robot_trace) -> Trace:
+    """Times and places of the robot alone: a report of it has few plots."""
+    return Trace({name: robot_trace[name] for name in ("time", "x", "y", "heading")})
+
+
+@pytest.fixture(scope="session")
 def robot_scenario() -> MadeScenario:
     patch = Patch("nylon", (1.6, 0.7), (0.6, 0.5), 0.3)
     words = 'wheel 2 crosses <nylon> & "slips"'
@@ -217,6 +227,39 @@ def rig_poses(rig_model: mujoco.MjModel, rig_trace: Trace) -> Poses:
     qpos[:, rig_model.joint("rail").qposadr[0]] = 0.6 * time
     qpos[:, rig_model.joint("wheel_1_axle").qposadr[0]] = 12.0 * time
     return Poses(rig_model, time, qpos)
+
+
+@pytest.fixture(scope="session")
+def robot_file(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> Path:
+    """Report of a run of the robot with its picture."""
+    folder = tmp_path_factory.mktemp("robot")
+    Image.new("RGB", (8, 8)).save(folder / "picture.png")
+    picture = Picture(folder / "picture.png", "osmesa", "the robot & its path")
+    write_report(folder / "report.html", robot_trace, robot_scenario, robot_metrics, picture)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="session")
+def compared_file(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> Path:
+    """Report of a diagnosed run of the robot beside the same run with another method."""
+    path = tmp_path_factory.mktemp("compared") / "report.html"
+    metrics = {**robot_metrics, "command": f"omnimj run nylon_patch --out {LONG} --force"}
+    metrics["diagnoses"] = [
+        diagnosis_record(3.1, "slip", 2),
+        diagnosis_record(6.9, "motor", 3, ambiguous_with=["slip 3", "motor 1"]),
+    ]
+    metrics["compared"] = {"published": {**robot_metrics, "method": "published"}}
+    trace = with_robust(robot_trace)
+    write_report(path, trace, robot_scenario, metrics, others={"published": robot_trace})
+    return path
+
+
+@pytest.fixture(scope="session")
+def rig_file(tmp_path_factory, rig_trace, rig_scenario, rig_metrics) -> Path:
+    """Report of a run of the rig."""
+    path = tmp_path_factory.mktemp("rig") / "report.html"
+    write_report(path, rig_trace, rig_scenario, rig_metrics)
+    return path
 
 
 @pytest.fixture

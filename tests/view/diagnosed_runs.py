@@ -9,6 +9,8 @@ import numpy as np
 
 from omnimj.signals import Trace
 
+LONG = "a_name_without_any_space_that_is_far_longer_than_the_screen_of_a_phone_is_wide/report.html"
+
 
 def with_robust(trace: Trace) -> Trace:
     """Wheel 2 slips from 3 to 5 s and is named at 3.1 s; motor 3 is weak from 6.5 s on and named at 6.9 s."""

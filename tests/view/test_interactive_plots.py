@@ -16,7 +16,6 @@ from omnimj.diagnosis.replay import RunDiagnosis
 from omnimj.parameters import read_robot
 from omnimj.signals import Diagnosis, Trace
 from omnimj.view.report.diagnosis import bins_for, run_section, write_diagnosis_report
-from omnimj.view.report.run import write_report
 
 _PLOT = "const panel = panels('wheel-speeds')[1]; panel.scrollIntoView(); await pause(100);"
 _TIMES = "models('Range1d').filter(r => r.start === 0 && r.end === %s)"
@@ -39,10 +38,8 @@ def browser() -> str:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> str:
-    path = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(path, robot_trace, robot_scenario, robot_metrics)
-    return path.read_text(encoding="utf-8")
+def page(robot_file) -> str:
+    return robot_file.read_text(encoding="utf-8")
 
 
 def test_dragging_over_one_plot_zooms_all_plots_over_time(page, browser, tmp_path, robot_trace):
@@ -112,7 +109,9 @@ def diagnosis_config() -> Any:
 
 
 @pytest.mark.parametrize(("diagnosed", "is_open"), [(3, 3), (4, 1)])
-def test_many_diagnosed_runs_are_not_all_open_from_the_beginning(tmp_path, robot_trace, diagnosed, is_open):
+def test_many_diagnosed_runs_are_not_all_open_from_the_beginning(
+    tmp_path, robot_trace, diagnosed, is_open, undrawn
+):
     slip = Diagnosis(1.0, "slip", (2,), 0.9)
     found = [RunDiagnosis(f"run_{k}", (slip,) * (k < diagnosed), 0.0, 3.0, robot_trace, ()) for k in range(8)]
     sections = [run_section(run, "robust", [], 0) for run in found]

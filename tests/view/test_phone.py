@@ -2,34 +2,40 @@
 
 from __future__ import annotations
 
+import functools
 import html
 import re
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 from browser import chromium, on_a_phone
-from diagnosed_runs import diagnosis_record, with_robust
+from diagnosed_runs import LONG
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
 from nightly import representative
 from rig_runs import twin_run
 from test_report import Page, without_scripts
 from test_sensitivity_report import outcome_of, study_of
+from undrawn_pages import without_embedding
 
 from omnimj.cli.main import main
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.studies import workers
 from omnimj.studies.statistics import Table
-from omnimj.view.report import page
 from omnimj.view.report.evaluation import write_benchmark_report
 from omnimj.view.report.gap import write_gap_report
-from omnimj.view.report.run import write_report
+from omnimj.view.report.page import command_line, table
 from omnimj.view.report.sensitivity import write_sensitivity_report
 
 READABLE = 8.5
 """Height of the smallest letters in a figure on a phone [CSS pixels]: those of a footnote in print."""
 KINDS = ("run", "compared", "rig", "diagnose", "evaluate", "gap", "benchmark", "identify", "validate")
 KINDS += ("sensitivity",)
+LOOKED_AT = ("compared", "gap")
+"""Kinds whose pages every run of the tests looks at on a phone; nightly runs look at all of them."""
 
 
 def others(*kinds: str) -> list[str]:
@@ -38,7 +44,6 @@ def others(*kinds: str) -> list[str]:
 
 
 _PAGE = "<!DOCTYPE html><html><head><meta charset='utf-8'></head><body>%s</body></html>"
-LONG = "a_name_without_any_space_that_is_far_longer_than_the_screen_of_a_phone_is_wide/report.html"
 
 
 @pytest.fixture(scope="module")
@@ -53,37 +58,10 @@ def rig_data(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def pages(
-    tmp_path_factory,
-    rig_data,
-    robot_trace,
-    robot_scenario,
-    robot_metrics,
-    rig_trace,
-    rig_scenario,
-    rig_metrics,
-):
-    """A page of every kind, by kind."""
+def written(tmp_path_factory, rig_data, robot_file, compared_file, rig_file) -> Callable[..., Path]:
+    """Gives the page of a kind, with its plots or only with their places; each is made once."""
     folder = tmp_path_factory.mktemp("pages")
-    paths = {kind: folder / f"{kind}.html" for kind in KINDS}
-    trace = with_robust(robot_trace)
-    metrics = {**robot_metrics, "command": f"omnimj run nylon_patch --out {LONG} --force"}
-    metrics["diagnoses"] = [
-        diagnosis_record(3.1, "slip", 2),
-        diagnosis_record(6.9, "motor", 3, ambiguous_with=["slip 3", "motor 1"]),
-    ]
-    write_report(paths["run"], trace, robot_scenario, metrics)
-    beside = {**metrics, "compared": {"published": {**robot_metrics, "method": "published"}}}
-    write_report(paths["compared"], trace, robot_scenario, beside, others={"published": robot_trace})
-    write_report(paths["rig"], rig_trace, rig_scenario, rig_metrics)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("omnimj.view.report.gap.MOST_FIGURES", 3)  # of 24 runs that look alike
-        write_gap_report(paths["gap"], FINDINGS["named"](), new_model="model.toml")
-    words = "why this case was or was not solved, in a sentence that is longer than a phone is wide"
-    table = Table("Cases", ("case", "truth", "found", "words"), (("1", "slope", LONG, words),))
-    write_benchmark_report(paths["benchmark"], ("130 cases",), (table,))
-    studies = [study_of("speed", "m/s", 0.0), study_of("tracking_error_max", "m", 0.0)]
-    write_sensitivity_report(paths["sensitivity"], outcome_of(*studies))
+    shared = {"run": robot_file, "compared": compared_file, "rig": rig_file}
     manoeuvres = ["--suite", "manoeuvres", "--faults", "motor", "--method", "robust", "--trials", "2"]
     commands = {
         "identify": [str(rig_data)],
@@ -91,13 +69,35 @@ def pages(
         "diagnose": [str(rig_data)],
         "evaluate": manoeuvres,
     }
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: InlineExecutor())
-        for kind, words in commands.items():
-            out = folder / kind
-            assert main([kind, *words, "--out", str(out)]) == 0
-            paths[kind] = out / "report.html"
-    return paths
+
+    def write(kind: str, out: Path) -> None:
+        if kind == "gap":
+            with pytest.MonkeyPatch.context() as patched:
+                patched.setattr("omnimj.view.report.gap.MOST_FIGURES", 3)  # of 24 runs that look alike
+                write_gap_report(out / "report.html", FINDINGS["named"](), new_model="model.toml")
+        elif kind == "benchmark":
+            words = "why this case was or was not solved, in a sentence that is longer than a phone is wide"
+            cases = Table("Cases", ("case", "truth", "found", "words"), (("1", "slope", LONG, words),))
+            write_benchmark_report(out / "report.html", ("130 cases",), (cases,))
+        elif kind == "sensitivity":
+            studies = [study_of("speed", "m/s", 0.0), study_of("tracking_error_max", "m", 0.0)]
+            write_sensitivity_report(out / "report.html", outcome_of(*studies))
+        else:
+            with pytest.MonkeyPatch.context() as patched:
+                patched.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: InlineExecutor())
+                assert main([kind, *commands[kind], "--out", str(out)]) == 0
+
+    @functools.cache
+    def page_of(kind: str, drawn: bool) -> Path:
+        if kind in shared:
+            return shared[kind]
+        out = folder / f"{kind}_{'drawn' if drawn else 'places'}"
+        out.mkdir()
+        with nullcontext() if drawn else without_embedding():
+            write(kind, out)
+        return out / "report.html"
+
+    return page_of
 
 
 @pytest.fixture(scope="module")
@@ -108,9 +108,9 @@ def browser() -> str:
     return found
 
 
-@pytest.mark.parametrize("kind", representative("run", "gap", *others("run", "gap"), keep=2))
-def test_nothing_is_wider_than_a_phone_and_no_text_is_too_small(kind, pages, browser, tmp_path):
-    seen = on_a_phone(browser, pages[kind].read_text(encoding="utf-8"), tmp_path)
+@pytest.mark.parametrize("kind", representative(*LOOKED_AT, *others(*LOOKED_AT), keep=len(LOOKED_AT)))
+def test_nothing_is_wider_than_a_phone_and_no_text_is_too_small(kind, written, browser, tmp_path):
+    seen = on_a_phone(browser, written(kind, True).read_text(encoding="utf-8"), tmp_path)
     assert seen.found == []
     if seen.smallest is not None:
         assert seen.smallest >= READABLE
@@ -126,14 +126,15 @@ def test_the_check_on_a_phone_finds_what_is_too_wide_and_too_small(browser, tmp_
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_report_is_one_file_and_knows_paper(kind, pages):
-    whole = pages[kind].read_text(encoding="utf-8")
+def test_every_report_is_one_file_and_knows_paper(kind, written):
+    page = written(kind, kind in LOOKED_AT)
+    whole = page.read_text(encoding="utf-8")
     assert re.search(r"@media print \{", whole) and "print-color-adjust: exact" in whole
     assert "break-inside: avoid" in whole
     assert "<meta name='viewport' content='width=device-width, initial-scale=1'>" in whole
     whole = without_scripts(whole)
     assert "@import" not in whole
-    links = Page(pages[kind]).links
+    links = Page(page).links
     assert [link for link in links if not link.startswith(("#", "data:"))] == []
     assert re.findall(r"url\((?!#|\"?data:)", whole) == []
     assert not re.search(r"https?://", re.sub(r"<code>.*?</code>", "", whole))
@@ -141,16 +142,16 @@ def test_every_report_is_one_file_and_knows_paper(kind, pages):
 
 def test_a_command_is_broken_between_words_only():
     command = "omnimj run a --out 'o & o' --set drive.speed=-1 -x"
-    ready = page.command_line(command)
+    ready = command_line(command)
     assert ready.count("<span class='option'>") == 3
     assert html.unescape(re.sub(r"<[^>]*>", "", ready)) == command
 
 
 def test_rows_with_sentences_are_stacked_and_label_each_cell():
     row = ("1", "2", "3", "a sentence of more than forty letters stands here")
-    assert page.table([row], ("a", "b", "c", "d")).kind == "stacked"
-    assert page.table([row[:3]], ("a", "b", "c")).kind == ""
+    assert table([row], ("a", "b", "c", "d")).kind == "stacked"
+    assert table([row[:3]], ("a", "b", "c")).kind == ""
 
 
-def test_cells_of_stacked_rows_carry_their_headings(pages):
-    assert "<td data-head='words'>why this case" in pages["benchmark"].read_text(encoding="utf-8")
+def test_cells_of_stacked_rows_carry_their_headings(written):
+    assert "<td data-head='words'>why this case" in written("benchmark", False).read_text(encoding="utf-8")

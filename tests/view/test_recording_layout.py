@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,11 @@ def components(back: ReadBack) -> dict[tuple[str, str], list[Any]]:
     return found
 
 
+@pytest.fixture(scope="module")
+def parts(back) -> Mapping[tuple[str, str], list[Any]]:
+    return components(back)
+
+
 def flat(values: Any) -> np.ndarray:
     """All numbers of nested lists."""
     if isinstance(values, list | tuple):
@@ -67,16 +73,16 @@ def flat(values: Any) -> np.ndarray:
     return np.array([values], float)
 
 
-def test_every_view_of_the_layout_has_an_entity_with_data(back):
-    views, filled = shown(back.reader.path), {entity for (entity, _), v in components(back).items() if v}
+def test_every_view_of_the_layout_has_an_entity_with_data(back, parts):
+    views, filled = shown(back.reader.path), {entity for (entity, _), v in parts.items() if v}
     assert len(views) > 10
     for query in views:
         below = query.removesuffix("/**")
         assert any(e == below or e.startswith(f"{below}/") for e in filled), query
 
 
-def test_every_entity_is_in_some_view_but_lanes_without_an_event(back):
-    views, parts = shown(back.reader.path), components(back)
+def test_every_entity_is_in_some_view_but_lanes_without_an_event(back, parts):
+    views = shown(back.reader.path)
     quiet = {e for (e, name), rows in parts.items() if name == "StateChange:state" and rows == [["healthy"]]}
     below = tuple(f"{query.removesuffix('**')}" for query in views if query.endswith("/**"))
     for entity in back.entities - quiet - {"/__properties"}:
@@ -95,18 +101,17 @@ def test_times_increase_and_stay_within_the_run(back, robot_trace):
         assert time[0] == 0.0 and time[-1] == pytest.approx(robot_trace["time"][-1]), entity
 
 
-def test_no_position_rotation_or_signal_is_missing(back):
+def test_no_position_rotation_or_signal_is_missing(parts):
     names = ("Transform3D:", "InstancePoses3D:", "Scalars:", "LineStrips3D:strips", "Arrows3D:")
     names += ("Mesh3D:vertex_positions", "Mesh3D:vertex_normals", "Boxes3D:", "Points3D:positions")
-    found = {key: v for key, v in components(back).items() if key[1].startswith(names)}
+    found = {key: v for key, v in parts.items() if key[1].startswith(names)}
     assert len(found) > 40
     for key, values in found.items():
         numbers = flat(values)
         assert len(numbers) and np.isfinite(numbers).all(), key
 
 
-def test_every_colour_is_visible_and_every_line_has_one(back):
-    parts = components(back)
+def test_every_colour_is_visible_and_every_line_has_one(back, parts):
     coloured = {key: flat(values) for key, values in parts.items() if key[1] in _COLOURS}
     del coloured[_FRAMING, "Points3D:colors"]
     assert len(coloured) > 20
@@ -119,8 +124,7 @@ def test_every_colour_is_visible_and_every_line_has_one(back):
             assert len(parts[entity, f"SeriesLines:{name}"][-1]) == lines, entity
 
 
-def test_every_state_that_occurs_has_a_name_and_a_colour(back):
-    parts = components(back)
+def test_every_state_that_occurs_has_a_name_and_a_colour(parts):
     lanes = [entity for entity, name in parts if name == "StateChange:state"]
     assert len(lanes) > 6
     for lane in lanes:

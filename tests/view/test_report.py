@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from drawn import lines, shades, texts
 from hypothesis import given
-from PIL import Image
 
 from omnimj.parameters import read_robot
 from omnimj.signals import Trace
@@ -85,15 +84,6 @@ def without_scripts(text: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def robot_file(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> Path:
-    folder = tmp_path_factory.mktemp("report")
-    Image.new("RGB", (8, 8)).save(folder / "picture.png")
-    picture = Picture(folder / "picture.png", "osmesa", "the robot & its path")
-    write_report(folder / "report.html", robot_trace, robot_scenario, robot_metrics, picture)
-    return folder / "report.html"
-
-
-@pytest.fixture(scope="module")
 def robot_page(robot_file: Path) -> Page:
     return Page(robot_file)
 
@@ -159,9 +149,9 @@ def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
 
 
 def test_without_a_picture_the_report_explains_how_to_get_one(
-    page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+    page_path, robot_path, robot_scenario, robot_metrics, undrawn
 ):
-    write_report(page_path, robot_trace, robot_scenario, robot_metrics, Picture(None, "", "the robot"))
+    write_report(page_path, robot_path, robot_scenario, robot_metrics, Picture(None, "", "the robot"))
     page = Page(page_path)
     assert "img" not in page.tags and "MUJOCO_GL=osmesa" in page.text
 
@@ -173,17 +163,16 @@ def test_faults_and_diagnoses_are_described_in_sentences(robot_page):
 
 @pytest.mark.parametrize("failure", [None, "at 3.1 s: the newest telemetry is 22.5 ms old"])
 def test_a_run_that_was_broken_off_is_marked_at_the_top(
-    failure, page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+    failure, page_path, robot_path, robot_scenario, robot_metrics, undrawn
 ):
     metrics = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
-    write_report(page_path, robot_trace, robot_scenario, metrics)
+    write_report(page_path, robot_path, robot_scenario, metrics)
     words = " ".join(Page(page_path).words)
     assert f"Ended early: {failure or 'interrupted at 3.1 s'}" in words
 
 
-def test_the_rigs_report_has_its_own_figures(page_path, rig_trace, rig_scenario, rig_metrics):
-    write_report(page_path, rig_trace, rig_scenario, rig_metrics)
-    page = Page(page_path)
+def test_the_rigs_report_has_its_own_figures(rig_file):
+    page = Page(rig_file)
     for words in ("Wheel and carriage", "Slip velocity", "Traction and lateral force", "Normal force"):
         assert words in page.text
     for words in ("Current", "Lateral speed", "≥ 1"):
@@ -192,7 +181,7 @@ def test_the_rigs_report_has_its_own_figures(page_path, rig_trace, rig_scenario,
     assert "Passed: the check holds" in page.text
 
 
-def test_a_run_without_truth_has_a_report_too(page_path, robot_trace, robot_scenario, robot_metrics):
+def test_a_run_without_truth_has_a_report_too(page_path, robot_trace, robot_scenario, robot_metrics, undrawn):
     measured = ("time", "current", "wheel_speed", "target")
     columns = {name: values for name, values in robot_trace.columns.items() if name.startswith(measured)}
     columns["yaw"] = np.mod(robot_trace["heading"], 2 * np.pi)

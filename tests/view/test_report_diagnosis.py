@@ -72,10 +72,10 @@ def test_nothing_found_and_nothing_wrong_are_stated(
 
 
 def test_a_run_without_a_method_has_no_such_section(
-    page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+    page_path, robot_path, robot_scenario, robot_metrics, undrawn
 ):
     metrics = {**robot_metrics, "method": "off", "diagnoses": []}
-    write_report(page_path, robot_trace, robot_scenario, metrics)
+    write_report(page_path, robot_path, robot_scenario, metrics)
     page = page_path.read_text(encoding="utf-8")
     assert "Diagnosis" not in page and "Faults injected into the plant" in page
 
@@ -238,7 +238,7 @@ def test_every_state_that_has_a_name_has_a_colour_of_its_own():
 
 @pytest.mark.parametrize("method", ["robust", "published"])
 def test_a_diagnosed_robots_report_has_all_its_figures(
-    page_path, robot_trace, robot_scenario, robot_metrics, method
+    page_path, robot_trace, robot_scenario, robot_metrics, method, undrawn
 ):
     trace = {"robust": with_robust, "published": with_published}[method](robot_trace)
     write_report(page_path, trace, robot_scenario, {**robot_metrics, "method": method})
@@ -247,7 +247,7 @@ def test_a_diagnosed_robots_report_has_all_its_figures(
     assert "Diagnosis" in page and "Truth and diagnosis" in page and "Effectiveness" in page
 
 
-def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scenario, rig_metrics):
+def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scenario, rig_metrics, undrawn):
     truth = [{"kind": "motor", "wheel": 1, "onset": 0.0, "end": None}]
     metrics = {
         **rig_metrics,

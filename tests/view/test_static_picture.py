@@ -20,7 +20,6 @@ from omnimj.view.plots import runs
 from omnimj.view.plots.over_time import shade_faults
 from omnimj.view.plots.panels import Drawing, Panel, new_drawing
 from omnimj.view.plots.static import WIDTH, svg, svg_file
-from omnimj.view.report.run import write_report
 from omnimj.view.wording import Span
 
 TENTH = 0.06  # [pixels] rounding of coordinates
@@ -78,14 +77,9 @@ def plain(x, y, **style) -> Drawing:
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory, robot_trace, robot_scenario, robot_metrics, rig_trace, rig_scenario, rig_metrics):
+def pages(compared_file, rig_file):
     """Reports of a run of the robot beside another method, and of a run of the rig."""
-    folder = tmp_path_factory.mktemp("pages")
-    beside = {**robot_metrics, "compared": {"published": {**robot_metrics, "method": "published"}}}
-    robot, rig = folder / "robot.html", folder / "rig.html"
-    write_report(robot, robot_trace, robot_scenario, beside, others={"published": robot_trace})
-    write_report(rig, rig_trace, rig_scenario, rig_metrics)
-    return {"robot": robot, "rig": rig}
+    return {"robot": compared_file, "rig": rig_file}
 
 
 @pytest.mark.parametrize("machine", ["robot", "rig"])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -66,12 +67,12 @@ class Unknowns:
         """Torque constants over that of the model file's motor before the estimate, shape (n,)."""
         return apply_effects(self.robot).torque_scale
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names in the order of a vector of deviations."""
         return tuple(one.name for one in self.each)
 
-    @property
+    @cached_property
     def spread(self) -> Array:
         """Standard deviations of the prior, shape (p,)."""
         return np.array([one.spread for one in self.each])

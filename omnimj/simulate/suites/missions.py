@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.parameters import Robot
 from omnimj.plant.interface import robot_channels
 from omnimj.signals import Array, Reference
@@ -118,9 +119,8 @@ def record_robot(
     floor = str(condition.conditions["floor"])
     plant = make_robot_plant(config.plant, robot, floor, config.floors, seed=config.seed)
     try:
-        trace = drive(
-            plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(config.progress)
-        )
+        controller = CompiledController(Controller(nominal, period=plant.period))
+        trace = drive(plant, controller, condition.drive, Callbacks(config.progress))
     finally:
         plant.close()
     require_complete(trace, f"run {condition.name}")

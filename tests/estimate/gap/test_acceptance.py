@@ -16,6 +16,7 @@ from healthy_recordings import (
     spoilt,
 )
 from mentions import mentions
+from nightly import representative
 
 from omnimj.effects import effects_of
 from omnimj.errors import DataFaultError, InputError
@@ -61,7 +62,7 @@ def test_a_certain_fault_holds_the_data_back_and_is_named_in_one_line(name):
     assert mentions(message, str(broken.path), kind.replace("_", " "), "[columns]", "--accept")
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", representative(*HELD, keep=3))
 def test_accepted_data_go_on_with_notes_and_units_corrected(name):
     recorded, change, kind = HELD[name]
     own = recorded(0)
@@ -117,16 +118,16 @@ def test_records_of_faults_are_plain_and_most_important_first():
 
 
 MACHINES_WITH_EFFECTS = [
+    ("axis_moves", "sensor_delay", {"channel": "force", "delay": 0.005}),
+    ("rig_currents", "torque_constant", {"scale": 0.9}),
     ("axis_moves", "payload", {"mass": 5.0}),
     ("axis_moves", "current_scale", {"scale": 1.05}),
-    ("axis_moves", "sensor_delay", {"channel": "force", "delay": 0.005}),
     ("axis_moves", "backlash", {"angle": 2e-4}),
-    ("rig_currents", "torque_constant", {"scale": 0.9}),
     ("rig_currents", "sensor_delay", {"channel": "carriage_speed", "delay": 0.02}),
 ]
 
 
-@pytest.mark.parametrize("suite, effect, values", MACHINES_WITH_EFFECTS)
+@pytest.mark.parametrize("suite, effect, values", representative(*MACHINES_WITH_EFFECTS, keep=2))
 def test_a_machine_with_an_effect_of_typical_size_is_searched(tmp_path, suite, effect, values):
     recorded = record(suite, tmp_path / "runs", 7, 1, "planar", effects={effect: values})
     sound, _ = sound_dataset(recorded, None)
@@ -162,7 +163,14 @@ def test_a_diagnosis_gets_logs_of_a_faulty_machine_as_they_are(name):
 
 @pytest.mark.parametrize(
     "name, factor",
-    [("time", 1e3), ("yaw", 180.0 / np.pi), ("yaw_rate", -1.0), ("current_2", -1.0), ("current_2", 1e3)],
+    representative(
+        ("time", 1e3),
+        ("current_2", -1.0),
+        ("yaw", 180.0 / np.pi),
+        ("yaw_rate", -1.0),
+        ("current_2", 1e3),
+        keep=2,
+    ),
 )
 def test_a_diagnosis_refuses_logs_that_are_wrong_throughout(name, factor):
     broken = spoilt(robot_missions(0), scaled(name, factor))

@@ -19,6 +19,7 @@ from healthy_recordings import (
     with_stale_rows,
 )
 from mentions import mentions
+from nightly import representative
 
 from omnimj.errors import UnknownNameError
 from omnimj.estimate.gap.check.columns import unwrap_counter
@@ -37,7 +38,7 @@ HEALTHY = {
 
 
 @pytest.mark.parametrize("name", HEALTHY)
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", representative(0, 1))
 def test_a_healthy_recording_raises_no_suspicion(name, seed):
     assert check_dataset(HEALTHY[name](seed)).suspicions == ()
 
@@ -119,7 +120,17 @@ SURE_ONES = [
 ]
 
 
-@pytest.mark.parametrize("recorded, change, channel, kind, size", SURE_ONES)
+def one_of_each_kind(cases):
+    """Cases of which all but the first of each kind of fault on each machine are left to nightly runs."""
+    seen = set()
+    for case in cases:
+        recorded, _, _, kind, _ = case
+        repeated = (recorded, kind) in seen
+        seen.add((recorded, kind))
+        yield pytest.param(*case, marks=[pytest.mark.slow] * repeated)
+
+
+@pytest.mark.parametrize("recorded, change, channel, kind, size", [*one_of_each_kind(SURE_ONES)])
 def test_what_is_spoilt_is_found_for_sure_with_its_size(recorded, change, channel, kind, size):
     found = check_dataset(spoilt(recorded(0), change)).suspicions
     own = [s for s in found if (s.channel, s.kind) == (channel, kind)]

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from nightly import latin, representative
 from toy import SIZE, STEP, Toy
 
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
@@ -123,7 +122,7 @@ def test_a_complete_model_is_not_called_incomplete():
     assert not finding.incomplete and "ncomplete" not in summarize_finding(finding)
 
 
-@pytest.mark.parametrize("seed", representative(10, 11, 12))
+@pytest.mark.parametrize("seed", [10, 11, 12])
 def test_a_structure_that_the_library_lacks_does_not_decide_between_two_names(seed):
     """A wrong mass and a wrong speed scale predict nearly the same; the wave in speed fits one better."""
     found = search(Wavy({"payload": np.array([0.05])}, 0.03, seed), (), seed, quiet)
@@ -145,10 +144,8 @@ def test_what_was_given_up_is_listed_with_its_gain_and_reason():
         assert one.label not in {e.effect for e in finding.effects}
 
 
-@pytest.mark.parametrize(
-    ("truth", "wave"),
-    latin(({"payload": np.array([0.05])}, {"air_drag": np.array([0.15])}, {}), (0.0, 0.03, 0.1)),
-)
+@pytest.mark.parametrize("truth", [{}, {"payload": np.array([0.05])}, {"air_drag": np.array([0.15])}])
+@pytest.mark.parametrize("wave", [0.0, 0.03, 0.1])
 def test_no_further_effect_gains_when_the_finding_says_so(truth, wave):
     finding = analyse_replay(Wavy(truth, wave), DatasetSummary("toy"))
     last = finding.stages[-1].candidates if finding.stages else ()

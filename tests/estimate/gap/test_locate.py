@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from mismatch_scenes import CHANNELS, NOISE, coloured, mismatch, scene
+from nightly import checkerboard, representative
 
 from omnimj.estimate.gap.locate.regimes import EVERYWHERE, QUIET, locate
 from omnimj.estimate.gap.locate.rules import round_between
@@ -45,7 +46,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize("words", CAUSES)
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", representative(0, 1))
 def test_the_first_place_names_the_regime_that_carries_the_mismatch(words, seed):
     signal, kind = CAUSES[words]
     first = _located(signal, seed, **kind)[0]
@@ -53,8 +54,7 @@ def test_the_first_place_names_the_regime_that_carries_the_mismatch(words, seed)
     assert words in first.regime
 
 
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("correlation", [0.0, 0.9])
+@pytest.mark.parametrize(("seed", "correlation"), checkerboard(range(5), (0.0, 0.9)))
 def test_noise_alone_is_located_nowhere(seed, correlation):
     segments, regimes = scene(seed)
     noise = coloured(np.random.default_rng(seed), segments, correlation)[:, None]
@@ -62,7 +62,7 @@ def test_noise_alone_is_located_nowhere(seed, correlation):
     assert [(p.regime, p.share) for p in places] == [(QUIET, 0.0)]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", representative(*range(5), keep=2))
 def test_a_mismatch_without_a_regime_is_everywhere_alike(seed):
     segments, regimes = scene(seed)
     random = np.random.default_rng(seed)

@@ -13,6 +13,7 @@ from healthy_recordings import (
     without,
 )
 from mentions import mentions
+from nightly import checkerboard, latin
 
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.check.time_base import TimeLink, time_base_suspicions
@@ -30,16 +31,14 @@ def time_base_of(dataset):
     return [s for s in check_dataset(dataset).suspicions if s.kind == "time_base"]
 
 
-@pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("factor", [1e3, 1e6, 10.0, 0.1, 1.0 / 60.0])
+@pytest.mark.parametrize(("name", "factor"), latin(MACHINES, (1e3, 10.0, 1.0 / 60.0, 0.1, 1e6)))
 def test_time_in_another_unit_is_the_one_fault_and_is_sure(name, factor):
     (found,) = check_dataset(spoilt(MACHINES[name](0), scaled("time", factor))).suspicions
     assert (found.channel, found.kind, found.is_sure) == ("time", "time_base", True)
     assert found.size == pytest.approx(factor, rel=0.02)
 
 
-@pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("number", [5, 10])
+@pytest.mark.parametrize(("name", "number"), checkerboard(MACHINES, (5, 10)))
 def test_another_sampling_rate_is_no_fault_where_rates_fit_their_integrals(name, number):
     dataset = spoilt(MACHINES[name](0), at_rate_over(number))
     assert time_base_of(dataset) == []

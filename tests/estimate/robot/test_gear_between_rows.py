@@ -13,7 +13,9 @@ from omnimj.estimate.robot.shafts import Shafts, shafts_of, together
 from omnimj.estimate.robot.smoothing import Smoother
 from omnimj.estimate.robot.unknowns import unknowns
 from omnimj.parameters import read_robot
-from omnimj.workflows import record
+from omnimj.recording.read_dataset import read_dataset
+from omnimj.simulate.suites.catalogue import find_suite
+from omnimj.simulate.suites.recording import RecordingConfig, record_suite
 
 WIDTH, STEP = 0.03, 1e-3
 EXACT = SensorErrors(np.zeros(4), 0.0, 0.0, 0.0)
@@ -71,7 +73,9 @@ def test_inertia_of_the_wheels_keeps_its_ratio_to_the_torque_constants():
 
 def test_healthy_drives_of_the_nominal_robot_give_its_numbers_back(tmp_path):
     robot = read_robot()
-    found = identify_robot(record("robot_missions", tmp_path / "logs", plant="planar"), robot)
+    config = RecordingConfig(tmp_path / "logs", plant="planar")
+    record_suite(find_suite("robot_missions"), config, choose=lambda runs: runs[:4])
+    found = identify_robot(read_dataset(config.folder), robot)
     assert found["torque_constant"].value == pytest.approx(robot.motor.torque_constant, rel=0.03)
     mass = found["mass_ratio"]
     assert mass.low <= mass.nominal <= mass.high and mass.value == pytest.approx(mass.nominal, rel=0.02)

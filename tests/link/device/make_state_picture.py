@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from pathlib import Path
 
-from session_model import EVENTS, State, driving, explore, powered_up
+from session_model import EVENTS, at_power_up, driving, explored
 
 import omnimj
 
@@ -23,7 +23,7 @@ ALIKE = {"period whose telemetry is lost": "period", "move that answers an old t
 
 def picture() -> str:
     """Diagram of all transitions, one arrow per pair of states."""
-    found = [explore(DEPTH, begin).transitions for begin in (lambda: State(powered_up(1, 0)), driving)]
+    found = [explored(DEPTH, begin).transitions for begin in (at_power_up, driving)]
     arrows = defaultdict(set)
     for before, event, after in frozenset.union(*found):
         arrows[before, after].add(ALIKE.get(event, event))

@@ -6,13 +6,14 @@ was sent and when, never by what the device believes.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
+import functools
 import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import TypeVar
 
 from device_driver import CALIBRATION_HASH, CHANNELS, IDENTITY, ZERO, with_limits
 
@@ -46,6 +47,7 @@ RECORDED = 8
 """Number of frames that the attacker keeps."""
 HOST, SECOND = b"host", b"second"
 SESSIONS = itertools.count(1)
+T = TypeVar("T")
 LONGEST_AGE = max(VALID_FOR, math.floor(MAX_TELEMETRY_AGE / PERIOD)) + 2
 """Older telemetries and commands are all alike [periods]."""
 
@@ -57,11 +59,18 @@ def powered_up(number: int, now: int) -> Device:
     return Device(config, lambda now, raw: tuple(raw), lambda: next(SESSIONS), now * PERIOD, secret=secret)
 
 
+def alike(thing: T) -> T:
+    """Shallow copy of an object without slots; `copy.copy` takes half the time of a search."""
+    new = object.__new__(type(thing))
+    new.__dict__.update(thing.__dict__)
+    return new
+
+
 def copied(device: Device) -> Device:
     """A device with the same state; parts that never change are shared."""
-    new = copy.copy(device)
+    new = alike(device)
     for name in ("_outbox", "_handshake", "_limiter", "_hello_limiter"):
-        setattr(new, name, copy.copy(getattr(device, name)))
+        setattr(new, name, alike(getattr(device, name)))
     new._outbox._queue = list(device._outbox._queue)
     new._outbox._telemetry_times = device._outbox._telemetry_times.copy()
     return new
@@ -105,7 +114,9 @@ class State:
     permission: Permission = dataclasses.field(default_factory=Permission)
 
     def copy(self) -> State:
-        return replace(self, device=copied(self.device), permission=replace(self.permission))
+        new = alike(self)
+        new.device, new.permission = copied(self.device), alike(self.permission)
+        return new
 
     # --- delivery
 
@@ -315,6 +326,10 @@ class Exploration:
     """Mode before, event, mode after, where they differ."""
 
 
+def at_power_up() -> State:
+    return State(powered_up(1, 0))
+
+
 def driving() -> State:
     """Shortest way to a moving robot, where the search begins besides power-up."""
     state = State(powered_up(1, 0))
@@ -347,6 +362,12 @@ def explore(depth: int, begin: Callable[[], State]) -> Exploration:
             if len(path) + 1 < depth:
                 queue.append((after, (*path, name)))
     return Exploration(len(known), moving, (), frozenset(fruitful), frozenset(transitions))
+
+
+@functools.cache
+def explored(depth: int, begin: Callable[[], State]) -> Exploration:
+    """What `explore` finds of the device as it is, searched once for all that ask."""
+    return explore(depth, begin)
 
 
 def _followers(state: State) -> Iterator[tuple[str, State]]:

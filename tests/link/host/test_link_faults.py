@@ -6,6 +6,7 @@ import random
 
 import numpy as np
 import pytest
+from nightly import checkerboard
 from wired_devices import PERIOD, WIRING, World
 
 from omnimj.errors import InputError, LinkLost
@@ -93,8 +94,7 @@ def test_a_device_that_restarts_gets_no_command_and_its_host_stops():
     world.close()
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.01, 0.1, 0.3])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("loss", "seed"), checkerboard((0.0, 0.01, 0.1, 0.3), (1, 2)))
 def test_losses_either_let_the_robot_be_driven_or_stop_it_with_a_reason(loss, seed):
     world = driving(seed=seed)
     world.wire.set_faults(WireFaults(loss=loss), WireFaults(loss=loss))

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from nightly import representative
 from wired_devices import PERIOD, ROBOT, WIRING
 
 from omnimj.cli.main import main
@@ -33,6 +34,7 @@ from omnimj.link.codec.messages import (
     Stop,
     Telemetry,
 )
+from omnimj.link.device.server import DeviceServer
 from omnimj.link.host.link import LinkMode, open_link
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.link.host.state_machine import COMMAND_VALIDITY, STOP_REPEATS
@@ -120,7 +122,7 @@ class Tap:
     def until(self, holds: Callable[[list[Frame]], bool], since: int = 0) -> bool:
         """Waits until something holds of the device's frames."""
         with self._news:
-            return self._news.wait_for(lambda: holds(self.received(since)), 20.0)
+            return self._news.wait_for(lambda: holds(self.received(since)), LONGEST)
 
     def received(self, since: int = 0) -> list[Frame]:
         """By the device."""
@@ -266,7 +268,6 @@ def test_a_readonly_host_follows_another_hosts_run(capsys):
     assert f"udp:{own}, readonly; " in capsys.readouterr().out
 
 
-@pytest.mark.slow
 def test_a_rehearsing_host_moves_nothing(tap, capsys):
     words = ("--set", "duration=0.2", "--plant", tap.address, "--dry-run")
     assert main([*DRIVE, *words]) in (0, 1)
@@ -286,12 +287,39 @@ def keys(tmp_path_factory) -> tuple[Path, Path]:
     return right, wrong
 
 
-def test_with_the_same_key_a_run_is_driven_and_with_another_one_refused(keys, capsys):
+@contextlib.contextmanager
+def device_in_thread(*argv: str) -> Iterator[int]:
+    """`omnimj device` on the planar robot beside the host; its port. It is ended as by Ctrl-C."""
+    port, ready, over = free_port(), threading.Event(), threading.Event()
+    run, codes = DeviceServer.run, []
+
+    def until_over(server: DeviceServer, goes_on: Callable[[], bool]) -> None:
+        ready.set()
+        run(server, lambda: goes_on() and not over.is_set())
+        raise KeyboardInterrupt
+
+    words = ["device", "--udp", f"127.0.0.1:{port}", "--plant", "planar", *argv]
+    thread = threading.Thread(target=lambda: codes.append(main(words)))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(DeviceServer, "run", until_over)
+        thread.start()
+        try:
+            assert ready.wait(LONGEST), "the device does not begin"
+            yield port
+        finally:
+            over.set()
+            thread.join()
+    assert codes == [130]
+
+
+@pytest.mark.parametrize("begun", representative(device_in_thread, device))
+def test_with_the_same_key_a_run_is_driven_and_with_another_one_refused(begun, keys, capsys):
     right, wrong = keys
-    with device("--lock-step", "--key-file", str(right)) as port:
-        short = (*DRIVE, "--set", "duration=0.3", "--plant", f"udp:127.0.0.1:{port}", "--lock-step")
+    with begun("--lock-step", "--key-file", str(right)) as listening:
+        address = f"udp:127.0.0.1:{listening}"
+        short = (*DRIVE, "--set", "duration=0.3", "--plant", address, "--lock-step")
         assert main([*short, "--key-file", str(right)]) in (0, 1)
-        assert f"udp:127.0.0.1:{port}, lock-step, keyed; " in capsys.readouterr().out
+        assert f"{address}, lock-step, keyed; " in capsys.readouterr().out
         for given in (["--key-file", str(wrong)], []):
             assert main([*short, *given]) == 3
             out, err = capsys.readouterr()

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from driven import axle, run, without_friction
+from nightly import latin, representative
 
 from omnimj.parameters.parts import GRAVITY
 from omnimj.plant.faults import Fault
@@ -20,6 +21,7 @@ OFF = CurrentCommand(np.zeros(4))
 
 
 def felt(twin, wheels):
+    """What each wheel feels of the floor, as views that keep to the twin's present state."""
     block = int(twin.mj_model.sensor("wheel_1_contact").adr[0])
     rows = twin.mj_data.sensordata[block:].reshape(wheels, -1).T
     return dict(zip(slots.SENSOR_FIELDS, rows, strict=True))
@@ -37,7 +39,9 @@ def positions(plant, instants):
     return np.array(found)
 
 
-@pytest.mark.parametrize("floor", LAWS)
+@pytest.mark.parametrize(
+    "floor", representative("natural_stone", "linoleum", "dry_asphalt", "soft_mat", keep=2)
+)
 def test_with_locked_wheels_twin_and_equations_stand_on_a_slope(robot, floors, floor, measured):
     faults = [Fault("slope", 0.0, None, None, {"angle": 0.04, "direction": 0.3})]
     faults += [Fault("locked", 0.0, None, wheel, {}) for wheel in (1, 2, 3, 4)]
@@ -71,16 +75,14 @@ def test_the_rig_twin_with_another_mass_has_the_traction_of_its_load(rig, floors
     assert loads[0] / loads[1] == pytest.approx(3.9593 / 1.9593, rel=0.2)
 
 
-@pytest.mark.parametrize("floor", CREEP)
-@pytest.mark.parametrize("turning", [2.0, 40.0, -300.0])
+@pytest.mark.parametrize(("floor", "turning"), latin(CREEP, [2.0, -300.0, 40.0]))
 def test_wheels_thrown_on_at_any_speed_saturate_and_come_to_rest(robot, floors, floor, turning):
     twin = RobotTwin(robot, floors[floor], ideal_sensors=True)
     twin.reset()
-    n = floors[floor].numbers
+    n, now = floors[floor].numbers, felt(twin, 4)
     twin.mj_data.qvel[[axle(twin.mj_model, i) for i in (2, 4)]] = -turning, turning
     for _ in range(10_000):
         twin.step(OFF)
-        now = felt(twin, 4)
         loaded = (now["normal_force"] / n.get("reference_load", 1.0)) ** (n.get("load_exponent", 1.0) - 1.0)
         limit = min(n["mu"], n.get("mu_cap", math.inf)) * loaded * now["normal_force"]
         assert np.all(np.abs(now["traction_force"]) <= limit * (1.0 + 1e-9))
@@ -105,8 +107,7 @@ def test_a_pushed_robot_holds_below_the_limit_and_slides_above(robot, floors, fl
         assert slides or abs(twin.mj_data.qvel[0]) < 1e-4
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "linoleum"])
-@pytest.mark.parametrize("direction", [0.0, math.pi / 4.0])
+@pytest.mark.parametrize(("floor", "direction"), latin(["natural_stone", "linoleum"], [0.0, math.pi / 4.0]))
 def test_a_twin_without_other_friction_stands_below_the_rolling_resistance_and_rolls_above(
     robot, soft, floor, direction
 ):
@@ -119,8 +120,7 @@ def test_a_twin_without_other_friction_stands_below_the_rolling_resistance_and_r
         assert rolls or passed < 1e-4
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "linoleum"])
-@pytest.mark.parametrize("direction", [0.0, math.pi / 4.0])
+@pytest.mark.parametrize(("floor", "direction"), latin(["natural_stone", "linoleum"], [0.0, math.pi / 4.0]))
 def test_a_coasting_twin_is_slowed_by_the_rolling_resistance_in_any_direction(
     robot, floors, soft, floor, direction, measured
 ):
@@ -146,7 +146,7 @@ def test_a_coasting_twin_is_slowed_by_the_rolling_resistance_in_any_direction(
     assert abs(off) < 0.03
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "linoleum"])
+@pytest.mark.parametrize("floor", representative("linoleum", "natural_stone"))
 def test_a_finer_step_changes_little_on_a_soft_floor(robot, soft, floor):
     ends = []
     for timestep in (1e-3, 5e-4):
@@ -159,16 +159,15 @@ def test_a_finer_step_changes_little_on_a_soft_floor(robot, soft, floor):
     assert ends[0] == pytest.approx(ends[1], rel=0.01, abs=2e-3)
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "linoleum", "dry_asphalt"])
+@pytest.mark.parametrize("floor", representative("linoleum", "natural_stone", "dry_asphalt", keep=2))
 def test_on_a_soft_floor_traction_and_rollers_only_take_energy_out(robot, soft, floor):
     twin = RobotTwin(robot, soft[floor], ideal_sensors=True)
     twin.reset()
-    rng, taken, command = np.random.default_rng(7), np.zeros((2, 4)), OFF
+    rng, taken, command, now = np.random.default_rng(7), np.zeros((2, 4)), OFF, felt(twin, 4)
     for k in range(3000):
         if k % 250 == 0:
             command = CurrentCommand(rng.uniform(-1.5, 1.5, 4))
         twin.step(command)
-        now = felt(twin, 4)
         taken[0] += now["traction_force"] * now["slip_velocity"] * twin.period
         taken[1] -= now["lateral_force"] * now["lateral_velocity"] * twin.period
         assert taken.min() > -1e-4  # a bristle may give back what it stored; the error of the sum

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from driven import axle, run, without_friction
+from nightly import representative
 
 from omnimj.parameters import read_floors
 from omnimj.plant.mujoco import slots
@@ -107,7 +108,7 @@ def envelope_drop(wheel, angle):
     return wheel.radius - centre * np.cos(angle) - reach
 
 
-@pytest.mark.parametrize("turning", [2.0, 5.0])
+@pytest.mark.parametrize("turning", representative(5.0, 2.0))
 def test_roller_passing_lifts_the_axle_by_the_geometric_drop_18_times_a_turn(
     robot, floors, turning, measured
 ):
@@ -139,8 +140,16 @@ def test_roller_passing_lifts_the_axle_by_the_geometric_drop_18_times_a_turn(
     assert lines.max() == pytest.approx(first, rel=0.15)
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0])
-@pytest.mark.parametrize("degrees", range(0, 360, 15))
+@pytest.mark.parametrize(
+    ("speed", "degrees"),
+    [
+        pytest.param(
+            speed, degrees, marks=[pytest.mark.slow] * (degrees % 75 > 0 or speed != (0.3, 1.0)[k % 2])
+        )
+        for k, degrees in enumerate(range(0, 360, 15))
+        for speed in (0.3, 1.0)
+    ],
+)
 def test_free_rollers_follow_the_kinematics_in_every_direction(robot, floors, speed, degrees, measured):
     twin = RobotTwin(without_friction(robot), floors["natural_stone"], ideal_sensors=True)
     twin.reset()

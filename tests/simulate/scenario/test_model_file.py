@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nightly import in_turn
 
 from omnimj.resources import models_folder
 from omnimj.signals import CurrentCommand
@@ -81,31 +82,27 @@ def trace_of(name: str, plant: str, model: Path | None, *overrides: str) -> dict
     return dict(run_scenario(read_scenario(name, (*QUICK, *overrides), model), plant).trace.columns)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-@pytest.mark.parametrize(
-    "change",
-    [
-        "wheel.inertia=6e-4",
-        "wheel.roller_dry=0.05",
-        "bearing.dry=0.02",
-        "motor.rotor_inertia=3e-6",
-        "motor.no_load_torque=1e-2",
-        "sensors.gyro_noise=0.01",
-        "body.yaw_inertia=0.7",
-        "control.speed_proportional=0.2",
-    ],
-)
+OF_ROBOT = [
+    "wheel.inertia=6e-4",
+    "wheel.roller_dry=0.05",
+    "bearing.dry=0.02",
+    "motor.rotor_inertia=3e-6",
+    "motor.no_load_torque=1e-2",
+    "sensors.gyro_noise=0.01",
+    "body.yaw_inertia=0.7",
+    "control.speed_proportional=0.2",
+]
+OF_RIG = ["rig.rail_friction=1.0", "rig.rail_dry=0.3", "motor.torque_constant=0.03", "wheel.radius=0.055"]
+
+
+@pytest.mark.parametrize(("change", "plant"), in_turn(OF_ROBOT, PLANTS))
 def test_a_changed_value_of_the_robot_reaches_the_run(tmp_path, plant, change):
     shipped = trace_of("nylon_patch", plant, None, "drive.start_time=0.0")
     other = trace_of("nylon_patch", plant, changed(tmp_path, ROBOT, change), "drive.start_time=0.0")
     assert any((other[column] != shipped[column]).any() for column in shipped)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-@pytest.mark.parametrize(
-    "change",
-    ["rig.rail_friction=1.0", "rig.rail_dry=0.3", "motor.torque_constant=0.03", "wheel.radius=0.055"],
-)
+@pytest.mark.parametrize(("change", "plant"), in_turn(OF_RIG, PLANTS))
 def test_a_changed_value_of_the_rig_reaches_the_run(tmp_path, plant, change):
     other = trace_of("rig_lateral", plant, changed(tmp_path, RIG, change))
     shipped = trace_of("rig_lateral", plant, None)

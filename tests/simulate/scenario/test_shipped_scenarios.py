@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from nightly import three_wheels_nightly
+from nightly import representative, three_wheels_nightly
 
 from omnimj.simulate.detectors import default_method
 from omnimj.simulate.run import RunResult, run_scenario
@@ -18,11 +18,7 @@ NAMES = scenario_names()
 ON_TWIN = [name for name in NAMES if "kinematic" not in name and name != "ramp"]
 """Scenarios of which the fastest plant is not the twin; `ramp` runs on the twin anyway."""
 LONG = 20.0
-"""Duration from which on the planar plant, which the twin covers, is left to nightly runs [s]."""
-
-LIKE_ANOTHER = ("circle_8m_wheel_lost", "square_path_open_loop")
-"""Long scenarios on the twin that are left to nightly runs: `circle_8m_wheel_locked` and `square_path` are
-like them."""
+"""Duration from which on the twin is left to nightly runs [s]."""
 
 
 def fastest_plant(scenario: Scenario) -> str | None:
@@ -52,15 +48,7 @@ def require_checks_that_pass_and_can_fail(run: RunResult) -> None:
     assert len(again["checks"]) == len(checks) and not any(entry["ok"] for entry in again["checks"])
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow)
-        if name in ON_TWIN and read_scenario(name).duration > LONG
-        else name
-        for name in NAMES
-    ],
-)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_scenario_passes_its_checks_on_the_fastest_plant_and_each_check_can_fail(name):
     require_checks_that_pass_and_can_fail(driven(name))
 
@@ -68,8 +56,8 @@ def test_a_scenario_passes_its_checks_on_the_fastest_plant_and_each_check_can_fa
 @pytest.mark.parametrize(
     "name",
     [
-        *three_wheels_nightly(name for name in ON_TWIN if name not in LIKE_ANOTHER),
-        *(pytest.param(name, marks=pytest.mark.slow) for name in LIKE_ANOTHER),
+        *three_wheels_nightly(name for name in ON_TWIN if read_scenario(name).duration <= LONG),
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ON_TWIN if read_scenario(n).duration > LONG),
     ],
 )
 def test_a_scenario_passes_its_checks_on_the_twin(name):
@@ -88,7 +76,12 @@ def test_a_scenario_passes_its_checks_on_the_twin(name):
         pytest.param(
             "square_path_open_loop", "drive.yaw_loop=true", "path_error_max", marks=pytest.mark.slow
         ),
-        ("square_path_kinematic_open_loop", "drive.yaw_loop=true", "tracking_error_max"),
+        pytest.param(
+            "square_path_kinematic_open_loop",
+            "drive.yaw_loop=true",
+            "tracking_error_max",
+            marks=pytest.mark.slow,
+        ),
         ("circle_8m_kinematic", "kinematics.weights.0=1.0", "tracking_error_max"),
         ("rig_lateral", "lateral_speed=0.0", "final_current"),
         ("rig_motor", "faults=[]", "final_current"),
@@ -150,7 +143,8 @@ def test_every_check_of_a_scenario_fails_for_some_other_physics(name):
 
 
 @pytest.mark.parametrize(
-    ("weight", "distance"), [(1.0, 0.499), (100.0, 0.180), (1000.0, 0.0164), (10000.0, 0.0016)]
+    ("weight", "distance"),
+    representative((1000.0, 0.0164), (1.0, 0.499), (100.0, 0.180), (10000.0, 0.0016)),
 )
 def test_in_the_published_plant_a_larger_weight_keeps_the_circle_closer(weight, distance):
     overrides = (f"kinematics.weights.0={weight}", "checks.tracking_error_max=1.0")

@@ -15,6 +15,7 @@ from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.estimate.replay.interface import candidate_effects
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.read_dataset import read_dataset
+from omnimj.studies.gap_benchmark import datasets
 from omnimj.studies.gap_benchmark.cases import (
     FLOORS,
     HiddenEffect,
@@ -105,8 +106,10 @@ def test_a_disturbance_without_variation_is_the_effect_that_it_degenerates_to(tm
             assert close.mean() > 0.99, (outside.kind, name)
 
 
-def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path):
-    make_dataset(hiding(), tmp_path / "null", "planar", 0.8, 9)
+def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path, monkeypatch):
+    straight, sideways = 1, 8  # a run that reverses, and the first one that moves sideways as well
+    monkeypatch.setattr(datasets, "_PLAN", (datasets._PLAN[straight], datasets._PLAN[sideways]))
+    make_dataset(hiding(), tmp_path / "null", "planar", 0.8)
     plain = read_dataset(tmp_path / "null").runs
     for kind, about in {**KINDS, **STRUCTURES}.items():
         length = 0.5 * (about.shortest + about.longest)
@@ -115,7 +118,6 @@ def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path):
             tmp_path / kind,
             "planar",
             0.8,
-            9,
         )
         moved = [
             np.abs(run.columns[name][:n] - other.columns[name][:n]).max()

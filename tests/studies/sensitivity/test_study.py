@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import shutil
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,9 +40,17 @@ def mu_star(outcome: SensitivityResult, result: str) -> dict[str, float]:
     return {one.name: m.mu_star for one, m in zip(outcome.factors, study.measures, strict=True)}
 
 
-def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path):
-    order, first = order_of(tmp_path / "out"), InlineExecutor()
-    outcome = run_sensitivity(order, quiet, first)
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory) -> tuple[Path, InlineExecutor, SensitivityResult]:
+    """A study of the rig: its folder, what was driven and the result."""
+    out, executor = tmp_path_factory.mktemp("driven") / "out", InlineExecutor()
+    return out, executor, run_sensitivity(order_of(out), quiet, executor)
+
+
+def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path, driven):
+    folder, first, outcome = driven
+    shutil.copytree(folder, tmp_path / "out")
+    order = order_of(tmp_path / "out")
     assert len(first.calls) == REPEATS + 2 * (RIG + 1) and outcome.runs == 2 * (RIG + 1)
     assert {seed for _, values, seed in first.arguments if values} == {0}, "the same noise in all of them"
     assert sorted(seed for _, values, seed in first.arguments if not values) == list(range(REPEATS))
@@ -54,19 +64,18 @@ def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path):
     assert len(more.calls) == RIG + 1 and numbers(tmp_path / "out")["runs"] == 3 * (RIG + 1)
 
 
-def test_the_floor_is_the_effect_of_noise_or_the_smallest_measurable_change(tmp_path):
-    outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, InlineExecutor())
+def test_the_floor_is_the_effect_of_noise_or_the_smallest_measurable_change(driven):
+    *_, outcome = driven
     travel, current = study_named(outcome, "travel"), study_named(outcome, "rms_current")
     assert (travel.noise, travel.floor) == (0.0, 1e-3)  # currents are given: no sensor acts on what it does
     assert current.noise > 0.0 and current.floor == max(current.noise, 1e-3)
     assert outcome.repeats == REPEATS
 
 
-def test_every_executor_gives_the_same_numbers(tmp_path):
-    run_sensitivity(order_of(tmp_path / "a"), quiet, InlineExecutor())
+def test_every_executor_gives_the_same_numbers(tmp_path, driven):
     with ThreadPoolExecutor(2) as executor:
-        run_sensitivity(order_of(tmp_path / "b"), quiet, executor)
-    assert numbers(tmp_path / "a") == numbers(tmp_path / "b")
+        run_sensitivity(order_of(tmp_path / "out"), quiet, executor)
+    assert numbers(tmp_path / "out") == numbers(driven[0])
 
 
 @pytest.mark.parametrize(
@@ -155,7 +164,7 @@ def test_nothing_of_that_origin_and_no_such_origin_are_refused(tmp_path):
 
 
 def test_what_the_planar_robot_does_not_have_changes_exactly_nothing(tmp_path):
-    outcome = run_sensitivity(order_of(tmp_path / "out", SHORT_ROBOT), quiet, InlineExecutor())
+    outcome = run_sensitivity(order_of(tmp_path / "out", SHORT_ROBOT, 1), quiet, InlineExecutor())
     absent = ("body.suspension_", "contact.", "wheel.mass", "wheel.roller_radius", "sensors.carriage_")
     for study in outcome.studies:
         for one, found, word in zip(outcome.factors, study.measures, study.verdicts, strict=True):

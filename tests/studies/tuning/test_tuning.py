@@ -141,7 +141,10 @@ def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_h
 
 def test_the_file_is_read_again_as_the_gains_that_were_found_and_states_its_origin(tuned, order):
     begun = Gains(read_robot().control).changed({"control.speed_integral": 2.0, "observer.memory": 60.0})
-    for outcome in (tuned, done(dataclasses.replace(order, gains=begun, generations=1, landscape=0))):
+    for outcome in (
+        tuned,
+        done(dataclasses.replace(order, gains=begun, trials=1, generations=1, landscape=0)),
+    ):
         order.out.write_text(format_gains_file(outcome, 'omnimj tune "a b" ü\t'), encoding="utf-8")
         assert read_gains(order.out, read_robot().control) == outcome.gains
         origin = tomllib.loads(order.out.read_text(encoding="utf-8"))["tuned"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from nightly import representative
 
 from omnimj.control.detection.robust.glr import (
     USUAL,
@@ -49,20 +50,23 @@ def test_noise_of_four_times_the_variance_is_learnt_from_like_rows_of_half_the_s
     assert by_noise[0] == pytest.approx(by_rows[0]) and by_noise[1] == pytest.approx(by_rows[1])
 
 
-def diagnosed(folder, effects) -> list[RunDiagnosis]:
-    """Diagnosis of missions of a robot with effects that its model lacks."""
+def diagnosed(folder, effects, mission) -> RunDiagnosis:
+    """Diagnosis of a mission of a robot with effects that its model lacks."""
     config = RecordingConfig(folder, seed=3, plant="planar", effects=effects)
-    record_suite(find_suite("robot_missions"), config, choose=lambda runs: runs[:2])
+    record_suite(find_suite("robot_missions"), config, choose=lambda runs: runs[mission : mission + 1])
     dataset = read_dataset(folder)
-    return list(diagnose(DiagnosisConfig(dataset, read_machine(dataset), "robust", all_floors(None))))
+    (run,) = diagnose(DiagnosisConfig(dataset, read_machine(dataset), "robust", all_floors(None)))
+    return run
 
 
-def test_healthy_wheels_that_ripple_by_two_newtons_raise_no_alarm(tmp_path):
-    for run in diagnosed(tmp_path / "ripple", {"roller_ripple": {"amplitude": 2.0}}):
-        assert run.diagnoses == () and run.withheld == ()
+@pytest.mark.parametrize("mission", representative(0, 1))
+def test_healthy_wheels_that_ripple_by_two_newtons_raise_no_alarm(tmp_path, mission):
+    run = diagnosed(tmp_path, {"roller_ripple": {"amplitude": 2.0}}, mission)
+    assert run.diagnoses == () and run.withheld == ()
 
 
-def test_a_weak_motor_is_found_in_spite_of_ripple(tmp_path):
+@pytest.mark.parametrize("mission", representative(0, 1))
+def test_a_weak_motor_is_found_in_spite_of_ripple(tmp_path, mission):
     weak = {"torque_constant": {"wheel": 2, "scale": 0.5}, "roller_ripple": {"amplitude": 1.0}}
-    for run in diagnosed(tmp_path / "weak", weak):
-        assert {(d.kind, d.wheels) for d in run.diagnoses} == {("motor", (2,))}
+    run = diagnosed(tmp_path, weak, mission)
+    assert {(d.kind, d.wheels) for d in run.diagnoses} == {("motor", (2,))}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import in_turn, representative
 from other_robots import write_slow
 
 from omnimj.control.cascade.controller import Controller
@@ -44,16 +45,17 @@ def named(trace):
     return [(d["kind"], d["wheels"]) for d in trace.about["diagnoses"]]
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "natural_stone_capped"])
-@pytest.mark.parametrize("payload", [0.8, 1.2])
+@pytest.mark.parametrize(
+    ("floor", "payload"),
+    in_turn(["natural_stone", "pvc", "paperboard", "natural_stone_capped"], [0.8, 1.2]),
+)
 def test_a_healthy_robot_with_another_load_on_any_floor_raises_no_alarm(floor, payload):
     body = dataclasses.replace(ROBOT.body, mass=ROBOT.body.mass * payload)
     trace = driven(int(1000 * payload), floor, robot=dataclasses.replace(ROBOT, body=body))
     assert named(trace) == []
 
 
-@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
-@pytest.mark.parametrize("loss", [0.57, 1.0])
+@pytest.mark.parametrize(("wheel", "loss"), in_turn([1, 2, 3, 4], [0.57, 1.0]))
 def test_a_weak_motor_is_named_and_its_loss_is_estimated(wheel, loss):
     trace = driven(40 + wheel, faults=[Fault("motor", ONSET, None, wheel, {"loss": loss})])
     # whether a wheel that stands is held is unknown at first: the same name comes twice then
@@ -85,15 +87,9 @@ def test_what_is_left_of_a_motor_is_estimated_as_soon_as_it_is_named(loss):
     assert left[-1] == pytest.approx(1.0 - loss, abs=0.03)
 
 
-@pytest.mark.parametrize(
-    ("wheel", "first", "then"),
-    [
-        pytest.param(wheel, *losses, marks=[pytest.mark.slow] if (wheel + k) % 2 else [])
-        for k, losses in enumerate([(0.4, 0.75), (0.75, 0.4), (0.6, 0.0)])
-        for wheel in (1, 2, 3, 4)
-    ],
-)
-def test_a_weak_motor_that_gets_worse_or_better_is_measured_again_and_named_once(wheel, first, then):
+@pytest.mark.parametrize(("losses", "wheel"), in_turn([(0.4, 0.75), (0.75, 0.4), (0.6, 0.0)], [2, 3, 4, 1]))
+def test_a_weak_motor_that_gets_worse_or_better_is_measured_again_and_named_once(losses, wheel):
+    first, then = losses
     faults = [
         Fault("motor", ONSET, 9.0, wheel, {"loss": first}),
         *([Fault("motor", 9.0, None, wheel, {"loss": then})] if then else []),
@@ -119,7 +115,7 @@ def test_a_weak_motor_whose_wheel_slips_as_well_is_both():
     assert [d["cleared"] for d in trace.about["diagnoses"] if d["kind"] == "motor"][-1] is None
 
 
-@pytest.mark.parametrize("seed", [61, 62, 63])
+@pytest.mark.parametrize("seed", representative(61, 62, 63))
 def test_a_slip_is_named_once_while_it_lasts_and_taken_back_when_it_is_over(seed):
     oily = [Fault("slip", ONSET, 9.0, 1 + seed % 4, {"grip": 0.2})]
     trace = driven(seed, faults=oily, seconds=15.0)
