@@ -128,8 +128,9 @@ def rig_trace() -> Trace:
 
 @pytest.fixture(scope="session")
 def robot_path(robot_trace) -> Trace:
-    """Times and places of the robot alone: a report of it has few plots."""
-    return Trace({name: robot_trace[name] for name in ("time", "x", "y", "heading")})
+    """Place of the robot and speeds of its wheels alone: a report of it has few plots."""
+    speeds = [f"wheel_speed_{i}" for i in range(1, 5)]
+    return Trace({name: robot_trace[name] for name in ("time", "x", "y", "heading", *speeds)})
 
 
 @pytest.fixture(scope="session")
