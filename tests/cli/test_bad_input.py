@@ -69,7 +69,7 @@ def test_an_unknown_command_or_scenario_is_refused_in_one_line(refused: Refused,
         (["--force"], "--force: there is no --out"),
         (["--model", "no_such.toml"], "no_such.toml: no such file"),
         (["--model", "."], ".: is a folder; a TOML file is needed"),
-        (["--model", "/dev/null"], "plant: found None; this file must say"),
+        (["--model", "/dev/null"], "/dev/null: is a pipe or a device; a regular file is needed"),
     ],
 )
 def test_an_option_out_of_its_range(refused: Refused, argv, expected):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import queue
+import stat
 import struct
 import threading
 from collections.abc import Iterator, Mapping
@@ -144,8 +145,11 @@ class FrameRecording:
           InputError: The file cannot be read or is no recording.
         """
         try:
-            if path.stat().st_size > _MAX_FILE_SIZE:
+            status = path.stat()
+            if status.st_size > _MAX_FILE_SIZE:
                 raise InputError(path, f"has more than {_MAX_FILE_SIZE} bytes")
+            if not stat.S_ISREG(status.st_mode):
+                raise InputError(path, "is no regular file", "a recording of frames is needed")
             self._content = path.read_bytes()
         except OSError as error:
             found = f"cannot be read ({error.strerror})"
