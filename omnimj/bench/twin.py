@@ -109,7 +109,8 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
 
     Args:
       duration: Duration of a run [s].
-      rounds: Number of interleaved rounds; the medians over them are compared.
+      rounds: Number of interleaved rounds; the medians over them are compared, for two threads the shortest
+        times.
     """
     import mujoco
 
@@ -146,8 +147,9 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
         drive_both,
     )
     times = _times(rounds, *works)
-    unit, diagnosed, undiagnosed, stepwise, flat, threads = np.median(times, axis=0)
+    unit, diagnosed, undiagnosed, stepwise, flat, _ = np.median(times, axis=0)
     low, high = np.quantile(times[:, 0], (0.1, 0.9))
+    shortest = times.min(axis=0)  # two idle cores, which a busy machine seldom has
     return {
         "unit_step_us": 1e6 * unit / len(plan.time),
         "unit_spread": (high - low) / unit,
@@ -155,7 +157,7 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
         "undiagnosed_step_ratio": undiagnosed / unit,
         "stepwise_step_ratio": stepwise / unit,
         "diagnosed_twin_to_planar_ratio": diagnosed / flat,
-        "two_threads_speedup": 2.0 * diagnosed / threads,
+        "two_threads_speedup": 2.0 * shortest[1] / shortest[5],
     }
 
 

@@ -103,6 +103,7 @@ def test_json_keeps_to_the_schema_and_every_figure_is_positive():
     check_figures(printed_json())
 
 
+@pytest.mark.slow
 def test_json_holds_the_figures_of_the_parts_whose_kernels_are_few(monkeypatch):
     for place, names in DEAR.items():
         monkeypatch.setattr(place, lambda *_, names=names: dict.fromkeys(names, 1.0))
