@@ -195,8 +195,10 @@ def _format_written(folder: Path, content: Mapping[str, Any]) -> str:
 def format_finding(finding: Finding) -> str:
     """Format data check, verdict, location and size of the gap, missing effects and next step."""
     from omnimj.estimate.gap import sentences
+    from omnimj.recording.read_dataset import INCOMPLETE
 
     parts = [
+        *(note for note in finding.data_notes if note.startswith(INCOMPLETE)),
         format_data_faults(finding.data_faults),
         f"{sentences.headline(finding)}\n{sentences.summarize_finding(finding)}",
         _format_reason(finding),

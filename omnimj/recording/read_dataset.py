@@ -28,6 +28,8 @@ from omnimj.signals import Array
 
 MIN_SAMPLES = 50
 """Smallest number of samples of a run."""
+INCOMPLETE = "the dataset is incomplete"
+"""Beginning of the note on a dataset with fewer runs than were planned."""
 LONGEST_PAUSE = 3600.0
 """Longest gap within a run [s]; what lies further apart are two runs."""
 MOST_STEPS = 100_000_000
@@ -73,7 +75,7 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
 def _incomplete_note(about: DatasetFile, runs: int) -> tuple[str, ...]:
     if runs >= about.planned_runs:
         return ()
-    return (f"the dataset is incomplete: {runs} of {about.planned_runs} planned runs were recorded",)
+    return (f"{INCOMPLETE}: {runs} of {about.planned_runs} planned runs were recorded",)
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:

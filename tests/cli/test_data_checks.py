@@ -139,9 +139,11 @@ def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json():
         "or_channels": [],
         "runs": [],
     }
-    finding = replace(rig_named(), data_faults=(likely,))
+    short = "the dataset is incomplete: 3 of 9 planned runs were recorded"
+    finding = replace(rig_named(), data_faults=(likely,), data_notes=(short, "run a: a gap in time"))
     content = digest(finding, "model.toml")
     text = format_finding(finding)
+    assert text.startswith(short) and "a gap in time" not in text
     assert text.index("off by +0.200") < text.index("Named: lateral_coupling")
     assert "likely" in text and content["data_faults"] == [likely]
     jsonschema.validate(json.loads(json.dumps(content)), SCHEMA)
