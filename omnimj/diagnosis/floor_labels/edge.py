@@ -66,7 +66,7 @@ def true_labels(distance: Array) -> Labels:
 
 
 class SeenRun(NamedTuple):
-    """What places a line: contacts and currents of one run's windows with a pose."""
+    """Evidence on the place of a line: contacts and currents of one run's windows with a pose."""
 
     contact: Array
     """Contact points, shape (w, n, 2) [m]."""

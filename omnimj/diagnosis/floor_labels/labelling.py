@@ -22,9 +22,9 @@ class CurrentNoise:
     """Standard deviations of a window's mean current about the expected one."""
 
     white: float
-    """Of one window [A]."""
+    """Part that is independent in each window [A]."""
     bias: float
-    """Of the error that lasts as long as the assignment [A]."""
+    """Part that lasts as long as the assignment [A]."""
 
 
 class Evidence:
@@ -72,7 +72,7 @@ def _sums(values: Array) -> Array:
 
 
 def neighbours(assignments: Labels) -> NDArray[np.bool_]:
-    """Whether one wheel differs between two assignments, shape (assignments, assignments)."""
+    """Mask of the pairs of assignments that differ in one wheel, shape (assignments, assignments)."""
     differ = (assignments[:, None] != assignments[None]).sum(axis=-1)
     return differ == 1
 

@@ -64,13 +64,13 @@ class EdgeScores:
     found: int
     """True crossings with a found one of the same wheel and floor within `NEAR`."""
     on_time: int
-    """Of these, those within `SOON`."""
+    """Number of these within `SOON`."""
     false: int
     """Found crossings that belong to no true one, and not to a wheel within the band."""
     labels: int
     """Labels outside of the band."""
     right: int
-    """Of these, those that agree."""
+    """Number of these that agree."""
 
     @property
     def share_found(self) -> float:
