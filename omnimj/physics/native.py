@@ -191,8 +191,7 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
                 compiled = decorator(*arguments, **options)(function)
             finally:
                 numba.config.CACHE_DIR = before
-        _recompile_damaged(compiled)
-        _continue_without_cache(compiled, folder)
+        _survive_cache(compiled, folder)
         _optimize_lightly(compiled)
         _enter_on_demand(compiled)
         return compiled
@@ -209,12 +208,12 @@ def _remove_files(folder: Path, function: Callable) -> None:
         file.unlink(missing_ok=True)
 
 
-def _recompile_damaged(compiled: Any) -> None:
-    """Recompile a kernel whose cache files are damaged instead of failing at its first call."""
+def _survive_cache(compiled: Any, folder: Path) -> None:
+    """Recompile a kernel whose cache files are damaged, and go on where the disk takes none."""
     cache = compiled._cache
-    load = getattr(cache, "load_overload", None)
-    if load is None:  # compilation is switched off
+    if not hasattr(cache, "load_overload"):  # compilation is switched off
         return
+    load, save = cache.load_overload, cache.save_overload
 
     def load_or_forget(*arguments: Any) -> Any:
         try:
@@ -224,23 +223,13 @@ def _recompile_damaged(compiled: Any) -> None:
             cache.flush()
             return None
 
-    cache.load_overload = load_or_forget
-
-
-def _continue_without_cache(compiled: Any, folder: Path) -> None:
-    """Go on with a kernel that cannot be cached, for example since the disk is full."""
-    cache = compiled._cache
-    save = getattr(cache, "save_overload", None)
-    if save is None:  # compilation is switched off
-        return
-
     def save_if_possible(*arguments: Any) -> None:
         try:
             save(*arguments)
         except OSError as error:
             _report_no_cache(folder, error)
 
-    cache.save_overload = save_if_possible
+    cache.load_overload, cache.save_overload = load_or_forget, save_if_possible
 
 
 @functools.cache

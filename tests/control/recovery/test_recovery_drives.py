@@ -158,7 +158,7 @@ def test_a_recovery_that_does_harm_is_withdrawn():
     assert trace["recovery"][-1] == REVERTED
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(st.booleans(), min_size=20, max_size=20),
     st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6),
@@ -204,7 +204,7 @@ def corrupted(measurement, part, value, place):
 
 
 @pytest.mark.parametrize("wrong", ["dead", "runaway", "held", "slipping"])
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(60, 129), st.sampled_from(PARTS), BROKEN, st.integers(0, 7)), max_size=12)
 )

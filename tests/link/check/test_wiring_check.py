@@ -132,7 +132,7 @@ def test_a_wrong_sign_is_reported_by_its_name(place):
     assert checked([WiringDefect("sign", place)]) == {(place, "sign")}
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     st.sets(st.sampled_from([f"wheel_speed_{i}" for i in WHEELS] + ["motor_1", "motor_4", "yaw"]), max_size=3)
 )

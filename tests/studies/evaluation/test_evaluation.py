@@ -89,7 +89,7 @@ def test_a_perfect_estimate_has_no_error(tmp_path, monkeypatch):
     monkeypatch.setattr(trial, "time_after_use", partial(trial.time_after_use, seconds=0.5))
     choice = CasePopulation("missions", 100, faults=("motor",), duration=10.0)
     summary = run_evaluation(
-        EvaluationConfig(tmp_path / "out", choice, "perfect", trials=1), quiet, InlineExecutor()
+        EvaluationConfig(tmp_path / "out", choice, "perfect", trials=3), quiet, InlineExecutor()
     ).summary
     assert summary.estimate.count > 0
     assert summary.estimate.p95 == pytest.approx(0.0, abs=1e-12)
@@ -99,7 +99,7 @@ def test_a_perfect_estimate_has_no_error(tmp_path, monkeypatch):
 def wolf(tmp_path_factory) -> EvaluationResult:
     """An evaluation of a method that raises an alarm in every case."""
     choice = dataclasses.replace(SHORT, faults=("none", "slip", "motor"))
-    order = EvaluationConfig(tmp_path_factory.mktemp("wolf") / "out", choice, "wolf", trials=6)
+    order = EvaluationConfig(tmp_path_factory.mktemp("wolf") / "out", choice, "wolf", trials=12)
     with pytest.MonkeyPatch.context() as patched:
         substitute_method(patched, crying_wolf)
         return run_evaluation(order, quiet, InlineExecutor())
@@ -113,18 +113,18 @@ def test_false_alarms_of_a_method_are_counted(wolf):
     rate, upper = summary.alarms.per_hour, summary.alarms.upper
     assert rate is not None and upper is not None and upper > rate
     assert rate == pytest.approx(3600.0 / 5.0)
-    assert summary.alarms_before.events == 6
+    assert summary.alarms_before.events == 12
     slips = [s for s in wolf.scores if s.fault == "slip"]
     assert slips and not any(s.isolated for s in slips)
 
 
 def test_rows_of_the_confusion_matrix_sum_to_the_cases(wolf):
     rows = wolf.summary.confusion
-    assert sum(sum(row.values()) for row in rows.values()) == 6
+    assert sum(sum(row.values()) for row in rows.values()) == 12
     for truth, row in rows.items():
         assert sum(row.values()) == sum(score.truth == truth for score in wolf.scores)
     (table,) = (t for t in wolf.tables if t.title.startswith("Truth"))
-    assert sum(int(row[-1]) for row in table.rows) == 6
+    assert sum(int(row[-1]) for row in table.rows) == 12
     assert all(sum(int(cell or 0) for cell in row[1:-1]) == int(row[-1]) for row in table.rows)
 
 
