@@ -1,5 +1,7 @@
 """Log of all frames of a link in both directions, `frames.bin`, with the times of the host's clock.
 
+Times are those of sending and, where the system measures it, of arrival at the socket.
+
 The file begins with the 8 bytes `omnimj` 0 1 and a text (u32 length, then UTF-8 JSON with a description of
 the run and the hash of the calibration). Records follow, little endian: `size u16 | kind u8 | time f64 [s] |
 packet`. Kinds: 0 sent, 1 received, 2 received and dropped; 16 is added if the packet had a tag, which is
@@ -77,7 +79,7 @@ class FrameLog:
         self._add(now, packet, _SENT)
 
     def received(self, now: float, packet: bytes) -> None:
-        """Log a received packet at `now` [s]."""
+        """Log a received packet that arrived at `now` [s]."""
         self._add(now, packet, _RECEIVED)
 
     def dropped(self, now: float, packet: bytes) -> None:
@@ -166,7 +168,7 @@ class FrameRecording:
         """True if the file ends with a complete record; a killed program may leave a partial one."""
 
     def __iter__(self) -> Iterator[LoggedFrame]:
-        """Iterate over the frames in the order of time."""
+        """Iterate over the frames in the order in which the host sent or processed them."""
         at, content = self._begin, self._content
         self.dropped, self.is_whole = 0, True
         while at < len(content):

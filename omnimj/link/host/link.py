@@ -35,7 +35,7 @@ from omnimj.link.host.frame_log import FrameLog
 from omnimj.link.host.state_machine import MAX_LOST_FRAMES, Host, HostState, Reading
 from omnimj.link.quality import LOSS_WINDOW
 from omnimj.link.transport.address import Address, SerialAddress, parse_address
-from omnimj.link.transport.interface import Transport
+from omnimj.link.transport.interface import Transport, waiting_time
 from omnimj.link.transport.passive import PassiveTransport
 from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.udp import UdpListener, UdpTransport
@@ -163,16 +163,17 @@ class Link:
     def _take(self, packet: bytes) -> None:
         """Process a received packet."""
         now, frame = self.now, decode(packet, self._keys)
+        arrived = now - waiting_time(packet)
         if isinstance(frame, DropReason):
             self.drops.add(frame)
             self._refuse_version(frame, packet)
             if self._log is not None:
-                self._log.dropped(now, packet)
+                self._log.dropped(arrived, packet)
             return
         self.received += 1
         if self._log is not None:
-            self._log.received(now, packet)
-        self.send(*self.host.on_frame(now, frame))
+            self._log.received(arrived, packet)
+        self.send(*self.host.on_frame(now, frame, arrived))
 
     def _refuse_version(self, reason: DropReason, packet: bytes) -> None:
         """End the request of a session if the device speaks another version of the protocol."""

@@ -211,9 +211,15 @@ class Host:
         if self.state is HostState.STOPPED:
             raise LinkLost(self.reason)
 
-    def on_frame(self, now: float, frame: Frame) -> tuple[Frame, ...]:
-        """Process a frame of the device and return the frames to send: a stop, a hello, or none."""
-        message = frame.message
+    def on_frame(self, now: float, frame: Frame, arrived: float | None = None) -> tuple[Frame, ...]:
+        """Process a frame of the device and return the frames to send: a stop, a hello, or none.
+
+        Args:
+          now: Time [s].
+          frame: Frame of the device.
+          arrived: Time at which the frame reached the socket [s]; `now` if None.
+        """
+        message, arrived = frame.message, now if arrived is None else arrived
         if self.expected.keyed and not frame.authentic:
             self.dropped += 1
         elif isinstance(message, Challenge):
@@ -227,11 +233,11 @@ class Host:
         elif self.session == 0 or frame.session != self.session or not self.arrivals.take(frame.sequence):
             self.dropped += 1
         elif isinstance(message, Telemetry):
-            return self._on_telemetry(now, frame, message)
+            return self._on_telemetry(now, frame, message, arrived)
         elif isinstance(message, Fault):
             return self._on_fault(now, message)
         elif isinstance(message, Pong):
-            self.clock.answered(message.nonce, now, 1e-6 * frame.time)
+            self.clock.answered(message.nonce, arrived, 1e-6 * frame.time)
         else:
             self.dropped += 1
         return ()
@@ -300,7 +306,9 @@ class Host:
             self.arrivals.take(frame.sequence)  # repeated, for a hello or for passive listeners
         return ()
 
-    def _on_telemetry(self, now: float, frame: Frame, telemetry: Telemetry) -> tuple[Frame, ...]:
+    def _on_telemetry(
+        self, now: float, frame: Frame, telemetry: Telemetry, arrived: float
+    ) -> tuple[Frame, ...]:
         if (len(telemetry.raw), telemetry.counts) != self._layout:
             self.dropped += 1
             reason = "its telemetry has other channels than its capabilities"
@@ -308,11 +316,11 @@ class Host:
         if reason := self._disbelief(frame, telemetry):
             self.dropped += 1
             return () if self.state is HostState.STOPPED else self.stop(now, reason)
-        sampled = min(now, 1e-6 * frame.time - self.clock.offset) if self.clock.known else now
+        sampled = min(arrived, 1e-6 * frame.time - self.clock.offset) if self.clock.known else arrived
         if now - sampled > MAX_TELEMETRY_AGE and not self.expected.lock_step:
             self.dropped += 1  # outdated; `check` uses the previous one
             return ()
-        self.reading = Reading(telemetry, frame.sequence, frame.time, sampled, now)
+        self.reading = Reading(telemetry, frame.sequence, frame.time, sampled, arrived)
         while self._pending and self._pending[0][0] <= telemetry.acknowledged:
             self._pending.popleft()
         if self.state not in _MOVING:

@@ -5,13 +5,20 @@ A wire that cannot send or is disconnected appears as silence, which both sides 
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import Protocol
 
 from omnimj.link.codec.layout import DropCounts
 
 Peer = Hashable
 """Sender of a packet on a wire with several far ends."""
+
+
+class Packet(bytes):
+    """Packet with the time that it has waited in the receive queue of the system."""
+
+    waited: float = 0.0
+    """Time between arrival at the socket and reception [s]; 0 where the system does not measure it."""
 
 
 class Transport(Protocol):
@@ -34,8 +41,8 @@ class Transport(Protocol):
         """Send, or count a failure; never waits."""
         ...
 
-    def receive(self) -> list[bytes]:
-        """Received packets, oldest first, at most a fixed number; never waits."""
+    def receive(self) -> Sequence[bytes]:
+        """Received packets, oldest first, at most a fixed number, perhaps as `Packet`; never waits."""
         ...
 
     def wait(self, longest: float) -> bool:
@@ -69,7 +76,7 @@ class Listener(Protocol):
         """Send to a peer from which a packet was received."""
         ...
 
-    def receive(self) -> list[tuple[bytes, Peer]]:
+    def receive(self) -> Sequence[tuple[bytes, Peer]]:
         """Received packets with their senders, at most a fixed number; never waits."""
         ...
 
@@ -80,6 +87,11 @@ class Listener(Protocol):
     def close(self) -> None:
         """Close the wire; may be called twice."""
         ...
+
+
+def waiting_time(packet: bytes) -> float:
+    """Time that a packet has waited in the receive queue of the system [s]; 0 if unknown."""
+    return packet.waited if isinstance(packet, Packet) else 0.0
 
 
 class SinglePeerListener:

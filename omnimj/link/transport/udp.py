@@ -1,20 +1,28 @@
 """UDP transport: one packet per datagram, non-blocking.
 
+On Linux the kernel stamps datagrams on arrival, so that their time in the queue of a busy program is known.
 Beyond loopback a link must have a key, since the sender's address of a datagram can be forged.
 """
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
+import struct
+import sys
+import time
 
 from omnimj.errors import InputError
 from omnimj.link.codec.layout import MAX_FRAME_SIZE, DropCounts, DropReason
 from omnimj.link.transport.address import UdpAddress, is_loopback
-from omnimj.link.transport.interface import Peer
+from omnimj.link.transport.interface import Packet, Peer
 
 _MAX_DATAGRAMS = 64  # datagrams per call, so that a flood cannot delay the caller
 _BUFFER = 2048
+_TIMESTAMPNS = 35  # SO_TIMESTAMPNS of Linux, which the socket module does not name
+_STAMP = struct.Struct("@ll")  # timespec: seconds, nanoseconds
+_ANCILLARY = socket.CMSG_SPACE(_STAMP.size) if hasattr(socket, "CMSG_SPACE") else 0
 
 
 def resolve(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.AddressFamily, tuple]:
@@ -41,12 +49,17 @@ class _Socket:
         self.failures, self.drops = 0, DropCounts()
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._stamps = False
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, _TIMESTAMPNS, 1)
+                self._stamps = True
 
     def _received(self) -> list[tuple[bytes, Peer]]:
         found, failed = [], False
         for _ in range(_MAX_DATAGRAMS):
             try:
-                packet, peer = self._socket.recvfrom(_BUFFER)
+                packet, peer = self._receive_one()
             except BlockingIOError:
                 break
             except OSError:  # port unreachable, network down, or closed
@@ -60,6 +73,21 @@ class _Socket:
             else:
                 found.append((packet, peer))
         return found
+
+    def _receive_one(self) -> tuple[Packet, Peer]:
+        """Receive a datagram with its sender and the time that it has waited."""
+        if not self._stamps:
+            content, peer = self._socket.recvfrom(_BUFFER)
+            return Packet(content), peer
+        content, ancillary, _, peer = self._socket.recvmsg(_BUFFER, _ANCILLARY)
+        packet = Packet(content)
+        for level, kind, stamp in ancillary:
+            if (level, kind, len(stamp)) == (socket.SOL_SOCKET, _TIMESTAMPNS, _STAMP.size):
+                seconds, nanoseconds = _STAMP.unpack(stamp)
+                arrived = seconds * 1_000_000_000 + nanoseconds
+                # a clock of the day that is set back must not let a packet arrive in the future
+                packet.waited = max(0.0, 1e-9 * (time.time_ns() - arrived))
+        return packet, peer
 
     @property
     def is_open(self) -> bool:

@@ -66,11 +66,11 @@ class Other:
         self.sequence -= 1  # outside of the session
         return self.say(dataclasses.replace(found, **changed), session=0, sequence=0)
 
-    def say(self, message, now=0.0, time=None, **header):
+    def say(self, message, now=0.0, time=None, arrived=None, **header):
         self.sequence += 1
         facts = {"session": self.session, "sequence": self.sequence, "authentic": self.keyed}
         at = round(1e6 * now) if time is None else time
-        return self.host.on_frame(now, Frame(message, time=at, **{**facts, **header}))
+        return self.host.on_frame(now, Frame(message, time=at, **{**facts, **header}), arrived)
 
     def capabilities(self, now=0.0, session=SESSION, **changed):
         e = self.host.expected
@@ -437,6 +437,29 @@ def test_telemetry_that_comes_more_than_20_ms_late_is_not_used():
     assert host.reading.sequence == other.sequence and host.dropped == 0
     assert other.telemetry(after(0.02), time=0) == ()
     assert host.reading.sequence == other.sequence - 1 and host.dropped == 1
+
+
+def test_telemetry_ages_in_the_queue_of_a_busy_host():
+    """A host that was busy for a second does not drive by old telemetry, whether or not the clocks are known."""
+    for known in (False, True):
+        other = Other()
+        host = other.host
+        if known:
+            other.say(Pong(host.ping(0.0).message.nonce), now=0.0, time=0)
+        other.telemetry(1.0, time=0 if known else 1_000_000, arrived=0.0)
+        assert host.reading is None and host.dropped == 1
+        other.telemetry(1.0, time=1_000_000, arrived=0.984375)
+        assert (host.reading.sampled, host.reading.arrived) == (0.984375, 0.984375)
+        host.arm(1.0)
+        assert host.check(1.004) == ()
+        assert host.check(1.005) != ()
+
+
+def test_the_way_of_a_ping_ends_at_the_socket():
+    other = Other()
+    host = other.host
+    other.say(Pong(host.ping(1.0).message.nonce), now=3.0, time=5_000_000, arrived=1.25)
+    assert (host.clock.round_trip, host.clock.offset) == (0.25, 5.0 - 1.125)
 
 
 def test_a_sample_is_never_from_the_future():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import socket
+import sys
 import time
 
 import pytest
@@ -16,7 +17,7 @@ from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import DropReason
 from omnimj.link.transport import serial_port
 from omnimj.link.transport.address import SerialAddress, UdpAddress, is_loopback, parse_address
-from omnimj.link.transport.interface import SinglePeerListener
+from omnimj.link.transport.interface import SinglePeerListener, waiting_time
 from omnimj.link.transport.passive import PassiveTransport
 from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.simulated import SimulatedWire, WireFaults
@@ -97,6 +98,30 @@ def test_datagrams_go_there_and_back_and_silence_does_not_wait(udp):
     device.send(PACKET, peer)
     assert host.wait(1.0) and host.receive() == [PACKET, PACKET]
     assert device.failures == host.failures == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux stamps datagrams in nanoseconds")
+def test_a_datagram_knows_how_long_it_has_waited_in_the_queue(udp, monkeypatch):
+    device, host = udp
+    begin = time.time_ns()
+    host.send(OTHER)
+    assert device.wait(1.0)
+    end = time.time_ns()
+    later = end + 700_000_000
+    monkeypatch.setattr(time, "time_ns", lambda: later)  # the program is busy for 0.7 s
+    ((packet, peer),) = device.receive()
+    assert 0.7 <= waiting_time(packet) <= 1e-9 * (later - begin)
+    device.send(OTHER, peer)
+    monkeypatch.setattr(time, "time_ns", lambda: begin - 3_600_000_000_000)  # somebody sets the clock back
+    assert host.wait(1.0)
+    (packet,) = host.receive()
+    assert packet == OTHER and waiting_time(packet) == 0.0
+
+
+def test_a_wire_without_time_stamps_reports_no_waiting_time():
+    wire = SimulatedWire()
+    wire.host.send(OTHER)
+    assert [waiting_time(packet) for packet in wire.device.receive()] == [0.0]
 
 
 def test_a_host_receives_frames_of_its_device_alone(udp):
