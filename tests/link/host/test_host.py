@@ -440,7 +440,7 @@ def test_telemetry_that_comes_more_than_20_ms_late_is_not_used():
 
 
 def test_telemetry_ages_in_the_queue_of_a_busy_host():
-    """A host that was busy for a second does not drive by old telemetry, whether or not the clocks are known."""
+    """Telemetry that has waited for a second is not used, whether or not the clocks are known."""
     for known in (False, True):
         other = Other()
         host = other.host
