@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from omnimj import __version__
 from omnimj.cli.arguments import FAILED, INTERRUPTED, Command
 from omnimj.cli.bench import BENCH
+from omnimj.cli.compare import COMPARE
 from omnimj.cli.completion import COMPLETION
 from omnimj.cli.device import DEVICE
 from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
@@ -56,7 +57,7 @@ _REFUSED_BY_SYSTEM = (
 )
 """Full disk, quota, size limit, failing disk, missing right."""
 GROUPS: Mapping[str, tuple[Command, ...]] = {
-    "Simulate": (SCENARIOS, RUN, TELEOP),
+    "Simulate": (SCENARIOS, RUN, COMPARE, TELEOP),
     "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Robot on a wire": (LINK, DEVICE),

@@ -31,7 +31,7 @@ def format_comparison(units: dict[str, str], metrics: dict[str, Any]) -> str:
     if not metrics.get("compared"):
         return ""
     comparison = compare(units, metrics)
-    return format_table(("", *comparison.methods), comparison.rows)
+    return format_table(("", *comparison.names), comparison.rows)
 
 
 _MAX_ROWS = 12  # rows of diagnoses, so that many false alarms do not push the checks off the screen

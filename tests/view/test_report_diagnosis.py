@@ -269,7 +269,7 @@ def test_runs_with_other_methods_stand_side_by_side(
     metrics = {**robot_metrics, "compared": {"off": other}}
     comparison = compare(robot_scenario.metric_units, metrics)
     rows = {name: values for name, *values in comparison.rows}
-    assert comparison.methods == ("robust", "off")
+    assert comparison.names == ("robust", "off")
     assert rows["checks passed"] == ["1 of 2", "1 of 2"]
     assert rows["every fault isolated"] == ["yes", "–"]
     assert rows["first alarm after onset"] == ["0.1 s", "–"]

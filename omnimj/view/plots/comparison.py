@@ -1,43 +1,60 @@
-"""Plots of one scenario driven with several methods, overlaid; each function returns one figure."""
+"""Plots of several runs, overlaid: one scenario with several methods, or any runs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.view import palette
 from omnimj.view.motion import planned_heading, planned_position
 from omnimj.view.plots.over_time import finish
-from omnimj.view.plots.panels import TALL, Drawing, new_drawing
+from omnimj.view.plots.panels import TALL, Drawing, Style, new_drawing
 from omnimj.view.plots.runs import draw_patch, draw_path, equal_with_room, map_from_above
 from omnimj.view.wording import Span
 
 _DEGREES = 180.0 / np.pi
+_PER_COLUMN = 150  # height of one of several panels [pixels]
 
 
-def _style(method: str) -> dict[str, Any]:
-    color, dash, width = palette.METHODS.get(method, (palette.INK, "-", 1.3))
-    return {"color": color, "dash": dash, "width": width, "label": method}
+LineStyle = tuple[str, Style, float]
+"""Colour, dash pattern and width [pixels] of a run's lines."""
+_METHOD: LineStyle = (palette.INK, "-", 1.3)
 
 
-def _wide_first(traces: Mapping[str, Trace]) -> list[tuple[str, Trace]]:
-    """Methods with the widest line first, so that narrow lines lie on top."""
-    return sorted(traces.items(), key=lambda item: -_style(item[0])["width"])
+def run_styles(names: Iterable[str]) -> dict[str, LineStyle]:
+    """Choose a colour and a dash pattern for each run, which differ up to eight runs."""
+    return {name: (palette.wheel_color(i), palette.wheel_line(i), 1.4) for i, name in enumerate(names)}
 
 
-def courses(traces: Mapping[str, Trace], spans: Sequence[Span]) -> Drawing:
-    """Plot heading error, position error and speed of each method's run.
+def _wide_first(
+    traces: Mapping[str, Trace], styles: Mapping[str, LineStyle]
+) -> list[tuple[str, Trace, dict[str, Any]]]:
+    """Runs and keywords of their lines, with the widest line first, so that narrow lines lie on top."""
+    drawn = [(name, trace, styles.get(name, _METHOD)) for name, trace in traces.items()]
+    drawn.sort(key=lambda one: -one[2][2])
+    return [
+        (name, trace, {"color": color, "dash": dash, "width": width, "label": name})
+        for name, trace, (color, dash, width) in drawn
+    ]
+
+
+def courses(
+    traces: Mapping[str, Trace],
+    spans: Sequence[Span],
+    styles: Mapping[str, LineStyle] = palette.METHODS,
+) -> Drawing:
+    """Plot heading error, position error and speed of each run.
 
     Args:
-      traces: Traces of a robot by method.
+      traces: Traces of a robot by name of the run, such as its method.
       spans: Faults to shade.
+      styles: Line styles by name; those of the methods by default.
     """
-    first = next(iter(traces.values()))
-    place = "x" in first and "target_x" in first
-    speed = "twist_x" in first
+    place = all("x" in trace and "target_x" in trace for trace in traces.values())
+    speed = all("twist_x" in trace for trace in traces.values())
     drawing = new_drawing(TALL, rows=1 + int(place) + int(speed))
     panels = drawing.panels
     panels[0].values("heading error [°]")
@@ -46,8 +63,8 @@ def courses(traces: Mapping[str, Trace], spans: Sequence[Span]) -> Drawing:
         panels[1].values("off the plan [m]")
     if speed:
         panels[-1].values("speed [m/s]")
-    for method, trace in _wide_first(traces):
-        style, time = _style(method), trace["time"]
+    for _, trace, style in _wide_first(traces, styles):
+        time = trace["time"]
         heading, planned = trace["heading" if "heading" in trace else "yaw"], planned_heading(trace)
         away = np.unwrap(heading if planned is None else heading - planned)
         away -= 2.0 * np.pi * np.round(away[0] / (2.0 * np.pi))
@@ -58,15 +75,47 @@ def courses(traces: Mapping[str, Trace], spans: Sequence[Span]) -> Drawing:
         if speed:
             panels[-1].line(time, np.hypot(trace["twist_x"], trace["twist_y"]), **style)
     panels[0].legend()
-    return finish(drawing, max((trace["time"] for trace in traces.values()), key=len), spans)
+    return finish(drawing, _longest(traces), spans)
 
 
-def paths(traces: Mapping[str, Trace], patches: Sequence[Any]) -> Drawing:
+def _longest(traces: Mapping[str, Trace]) -> Array:
+    """Times of the longest run, shape (k,) [s]."""
+    return max((trace["time"] for trace in traces.values()), key=lambda time: time[-1])
+
+
+def signals(
+    traces: Mapping[str, Trace],
+    columns: Sequence[tuple[str, str]],
+    styles: Mapping[str, LineStyle],
+) -> Drawing:
+    """Plot columns of several runs over time, one panel per column.
+
+    Args:
+      traces: Traces by name of the run.
+      columns: Column and label of its panel; runs without the column are left out of the panel.
+      styles: Line styles by name.
+    """
+    drawing = new_drawing(_PER_COLUMN * len(columns) + 50, rows=len(columns))
+    for panel, (column, label) in zip(drawing.panels, columns, strict=True):
+        panel.values(label)
+        for _, trace, style in _wide_first(traces, styles):
+            if column in trace:
+                panel.line(trace["time"], trace[column], **style)
+    drawing.panels[0].legend()
+    return finish(drawing, _longest(traces), ())
+
+
+def paths(
+    traces: Mapping[str, Trace],
+    patches: Sequence[Any],
+    styles: Mapping[str, LineStyle] = palette.METHODS,
+) -> Drawing:
     """Plot the driven paths from above with equal axes.
 
     Args:
-      traces: Traces of a robot with its position, by method.
+      traces: Traces of a robot with its position, by name of the run, such as its method.
       patches: Patches of other floors.
+      styles: Line styles by name; those of the methods by default.
     """
     drawing = map_from_above()
     (panel,) = drawing.panels
@@ -78,10 +127,9 @@ def paths(traces: Mapping[str, Trace], patches: Sequence[Any]) -> Drawing:
     if planned is not None:
         style = {"label": "planned", "dash": (0, (5, 3)), "width": 1.2}
         draw_path(panel, planned[:, 0], planned[:, 1], color=palette.PLANNED, **style)
-    for method, trace in _wide_first(traces):
-        style = _style(method)
+    for name, trace, style in _wide_first(traces, styles):
         draw_path(panel, trace["x"], trace["y"], **style)
-        panel.points(trace["x"][-1], trace["y"][-1], style["color"], method, marker="square")
+        panel.points(trace["x"][-1], trace["y"][-1], style["color"], name, marker="square")
     panel.legend()
     panel.finish()
     return drawing

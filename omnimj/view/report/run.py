@@ -190,7 +190,7 @@ def _comparison(scenario: Scenario, metrics: Mapping[str, Any]) -> Table | None:
         return None
     found = compare(scenario.metric_units, metrics)
     rows = [(name, *map(number, texts)) for name, *texts in found.rows]
-    return table(rows, ("", *found.methods), "compared", row_headings=True)
+    return table(rows, ("", *found.names), "compared", row_headings=True)
 
 
 def _comparison_figures(
