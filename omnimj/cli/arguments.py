@@ -47,8 +47,18 @@ class Command:
             allow_abbrev=False,
         )
         self.add_arguments(parser)
+        _add_output_options(parser)
         options = [name for action in parser._actions for name in action.option_strings]
         parser.set_defaults(**{key: self.run}, options=options)
+
+
+def _add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of every command on what it says while it works."""
+    group = parser.add_argument_group("messages")
+    amount = group.add_mutually_exclusive_group()
+    amount.add_argument("-q", "--quiet", action="store_true", help="no progress, only results and errors")
+    amount.add_argument("-v", "--verbose", action="store_true", help="also say on stderr what is done")
+    group.add_argument("--log", metavar="FILE", type=Path, help="append what is done to FILE, with times")
 
 
 ADDRESS = "serial:DEVICE?baud=N or udp:HOST:PORT"

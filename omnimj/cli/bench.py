@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from omnimj.cli.arguments import Command
+from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
 
 
@@ -110,16 +112,23 @@ def run(arguments: Any) -> int:
     from omnimj.bench.logs import measure_logs
     from omnimj.bench.twin import measure_driving, measure_run, measure_twin
 
-    announce_compilation("twin", "uto_robot")
-    found = measure_twin(EFFORT.steps, EFFORT.rounds) | measure_run(EFFORT.run)
-    found |= measure_driving(EFFORT.drive, EFFORT.drives)
+    announce_compilation("twin", "uto_robot", quiet=arguments.quiet)
+    found: dict[str, float] = {}
+    parts: dict[str, Callable[[], Mapping[str, float]]] = {
+        "twin": lambda: measure_twin(EFFORT.steps, EFFORT.rounds),
+        "a run with its files": lambda: measure_run(EFFORT.run),
+        "driving": lambda: measure_driving(EFFORT.drive, EFFORT.drives),
+        "control": lambda: measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest),
+        "logs": lambda: measure_logs(EFFORT.log),
+        "gap": lambda: measure_gap(EFFORT.gap_runs, EFFORT.gap_axis_runs),
+        "link": lambda: measure_link(EFFORT.frames, EFFORT.trips),
+    }
+    with progress_bar(arguments) as bar:
+        for k, (name, measure) in enumerate(parts.items()):
+            bar.show_share(f"measuring: {name}", k / len(parts))
+            found |= measure()
     note_compiled("twin", "uto_robot")
-    announce_compilation("planar", "uto_robot")
-    found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)
     note_compiled("planar", "uto_robot")
-    found |= measure_logs(EFFORT.log)
-    found |= measure_gap(EFFORT.gap_runs, EFFORT.gap_axis_runs)
-    found |= measure_link(EFFORT.frames, EFFORT.trips)
     meaning = {name: words for name, words in _MEANING.items() if name in found}
     if arguments.json:
         print(json.dumps({name: float(found[name]) for name in meaning}, indent=2))

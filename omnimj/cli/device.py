@@ -79,7 +79,7 @@ def run(arguments: Any) -> int:
     listener = _listener(arguments, key)
     plant = None
     try:
-        announce_compilation(arguments.plant, scenario.plant)
+        announce_compilation(arguments.plant, scenario.plant, quiet=arguments.quiet)
         plant = make_plant(scenario, arguments.plant, arguments.seed)
         emulated = _emulated(plant, scenario, arguments.lock_step, key, defects)
         _warm_up(plant)

@@ -26,13 +26,12 @@ from omnimj.cli.arguments import (
     require_writable,
 )
 from omnimj.cli.floor_labels import add_floor_label_arguments, run_floor_labels, wants_floor_labels
+from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import (
-    ProgressBar,
     announce_compilation,
     format_json,
     format_table,
     note_compiled,
-    progress_bar,
 )
 from omnimj.errors import InputError
 
@@ -141,7 +140,7 @@ def _diagnose_dataset(
     logs, check = sound_logs(order.dataset, order.machine.constants, arguments.accept)
     order = dataclasses.replace(order, dataset=logs)
     check_config(order)
-    announce_compilation(order.method, order.dataset.plant, "method")
+    announce_compilation(order.method, order.dataset.plant, "method", quiet=arguments.quiet)
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
         return None
@@ -241,7 +240,8 @@ def _format_diagnosis(
     seconds = sum(one.judged for one in found)
     lines.append(f"{summarize_runs(found)}, method {order.method}, {seconds:.4g} s of data")
     if interrupted:
-        lines.append("interrupted")
+        left = len(order.dataset.runs) - len(found)
+        lines.append(f"interrupted: {left} runs are not diagnosed; --force begins again")
     lines.append(f"written to {out}")
     return "\n".join(lines)
 
@@ -295,8 +295,8 @@ def run_calibrate(arguments: Any) -> int:
     logs, check = sound_dataset(order.dataset, order.machine.constants, arguments.accept)
     order = dataclasses.replace(order, dataset=logs)
     check_config(order)
-    announce_compilation(order.method, order.dataset.plant, "method")
-    with ProgressBar() as bar:
+    announce_compilation(order.method, order.dataset.plant, "method", quiet=arguments.quiet)
+    with progress_bar(arguments) as bar:
         found = calibrate(order, arguments.rate, bar.show)
     note_compiled(order.method, order.dataset.plant)
     command = command_line(arguments)

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.cli.arguments import command_line, exit_code
-from omnimj.cli.terminal import ProgressBar, format_study, print_study
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import format_study, print_study
 from omnimj.errors import InputError
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.json_files import write_json
@@ -102,7 +103,7 @@ def run_fleet(
     if there == home or home in there.parents:
         rule = "choose another one, datasets are not changed"
         raise InputError(f"--out {arguments.out}", "lies in the folder of the datasets", rule)
-    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
+    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         content = run_study(_Fleet(arguments, work_on), bar.show_share, executor)
     found, failed = content["datasets"], content["failed"]
     table = Table("", head, tuple(row(name, summary) for name, summary in found.items()))

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import command_line, parse_names
-from omnimj.cli.terminal import format_json, format_table, progress_bar
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import format_json, format_table
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from omnimj.cli.arguments import (
     parse_names,
     whole_number,
 )
+from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import (
-    ProgressBar,
     format_data_faults,
     format_json,
     format_study,
@@ -101,7 +101,7 @@ def _require_no_folders(folder: Path) -> None:
 def _search(arguments: Any) -> Finding:
     from omnimj.estimate.gap.find import find_gap
 
-    with ProgressBar() as bar:
+    with progress_bar(arguments) as bar:
         return find_gap(
             arguments.dataset,
             arguments.model,
@@ -344,7 +344,7 @@ def run_gap_benchmark(arguments: Any) -> int:
         arguments.workers,
         arguments.plant,
     )
-    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
+    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         outcome = run_benchmark(order, bar.show_share, executor)
     with atomic_file(arguments.out / REPORT) as temporary:
         write_benchmark_report(temporary, outcome.lines, outcome.tables)

@@ -18,14 +18,13 @@ from omnimj.cli.arguments import (
     exit_code,
 )
 from omnimj.cli.identify_robot import identify_robot_dataset, print_robot, robot_summary
+from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import (
-    ProgressBar,
     announce_compilation,
     format_json,
     format_table,
     format_value,
     note_compiled,
-    progress_bar,
 )
 from omnimj.cli.validate_robot import validate_robot_dataset
 from omnimj.errors import InputError, UnknownNameError
@@ -242,8 +241,8 @@ def _validate_rig_dataset(
         raise InputError("--recording", found, rule)
     dataset, check = sound_dataset(dataset, rig, arguments.accept)
     for plant in plants:
-        announce_compilation(plant, "quarter_rig")
-    with ProgressBar() as bar:
+        announce_compilation(plant, "quarter_rig", quiet=arguments.quiet)
+    with progress_bar(arguments) as bar:
         found = validate(dataset, rig, floors, plants, bar.show)
     if not found.runs:
         raise KeyboardInterrupt

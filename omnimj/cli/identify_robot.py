@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import command_line
-from omnimj.cli.terminal import format_json, format_table, format_value, progress_bar
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import format_json, format_table, format_value
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:

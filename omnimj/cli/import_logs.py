@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import FAILED, Command, command_line
-from omnimj.cli.terminal import ProgressBar, format_json, format_table
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import format_json, format_table
 
 if TYPE_CHECKING:
     from omnimj.recording.importing.workflow import ImportPlan
@@ -62,7 +63,7 @@ def run(arguments: Any) -> int:
     config = ImportConfig(
         tuple(arguments.files), arguments.mapping if has_mapping else None, arguments.kind, arguments.floor
     )
-    with ProgressBar() as bar:
+    with progress_bar(arguments) as bar:
         plan = plan_import(config, bar.show)
     ready = plan.proposal.is_complete and len(plan.runs) == len(arguments.files)
     written: list[str] = []

@@ -20,7 +20,8 @@ from omnimj.cli.arguments import (
     positive_number,
     whole_number,
 )
-from omnimj.cli.terminal import ProgressBar, format_table
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import format_table
 from omnimj.errors import InputError, LinkLost
 
 if TYPE_CHECKING:
@@ -296,7 +297,7 @@ def run_fuzz(arguments: Any) -> int:
     """
     from omnimj.link.check.fuzz import fuzz
 
-    with ProgressBar() as bar:
+    with progress_bar(arguments) as bar:
         report = fuzz(
             arguments.frames,
             arguments.noise,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import logging
 import os
 import re
 import sys
@@ -11,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
-from omnimj.cli.arguments import FAILED, INTERRUPTED, Command
+from omnimj.cli.arguments import FAILED, INTERRUPTED, Command, command_line
 from omnimj.cli.bench import BENCH
 from omnimj.cli.compare import COMPARE
 from omnimj.cli.completion import COMPLETION
@@ -21,6 +22,7 @@ from omnimj.cli.gap import GAP
 from omnimj.cli.identify import IDENTIFY, VALIDATE
 from omnimj.cli.import_logs import IMPORT
 from omnimj.cli.link import LINK
+from omnimj.cli.progress import logging_to, start_notice
 from omnimj.cli.record import RECORD
 from omnimj.cli.run import RUN, SCENARIOS
 from omnimj.cli.studies import EVALUATE, SENSITIVITY
@@ -29,6 +31,7 @@ from omnimj.cli.terminal import drop_output, ended_by_signals, flush_output, pre
 from omnimj.cli.tune import TUNE
 from omnimj.errors import InputError, NoAnswer, OmnimjError, UnknownNameError
 
+_LOG = logging.getLogger(__name__)
 WELCOME = f"""omnimj {__version__}: a MuJoCo twin of a four-wheel omni robot and of its test rig,
 with faults and their diagnosis, and a search for the physics that the model
 lacks compared with measured runs.
@@ -177,7 +180,15 @@ def _run(given: list[str]) -> int:
     arguments.given = given
     # the matrices are too small to benefit from multithreaded linear algebra; numpy is not imported yet
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return arguments.run(arguments)
+    with logging_to(arguments), start_notice(arguments):
+        _LOG.info("omnimj %s: %s", __version__, command_line(arguments))
+        try:
+            code = arguments.run(arguments)
+        except Exception as error:
+            _LOG.debug("ended by %s", type(error).__name__, exc_info=True)
+            raise
+        _LOG.info("exit code %d", code)
+        return code
 
 
 def _print_error(error: Exception, code: int) -> int:

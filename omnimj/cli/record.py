@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import Command, add_floors, add_seed, command_line, exit_code, whole_number
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, note_compiled
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -88,7 +89,9 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingR
 
     arguments.plant = plant_for(suite, arguments.plant)
     check_folder(arguments.out, arguments.force)
-    announce_compilation(arguments.plant, suite.plant)  # before the imports that compile
+    announce_compilation(
+        arguments.plant, suite.plant, quiet=arguments.quiet
+    )  # before the imports that compile
     order = RecordingConfig(
         arguments.out,
         arguments.seed,
@@ -101,7 +104,7 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingR
         arguments.force,
         arguments.pose_rate,
     )
-    with ProgressBar() as bar:
+    with progress_bar(arguments) as bar:
         recorded = record_suite(suite, order, bar.show)
     if recorded.runs:
         note_compiled(arguments.plant, suite.plant)

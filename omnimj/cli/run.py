@@ -25,7 +25,8 @@ from omnimj.cli.arguments import (
     read_thresholds,
     read_wire,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, note_compiled
+from omnimj.cli.progress import ProgressBar, progress_bar
+from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError, SimulationError
 from omnimj.recording.folder import atomic_file
 from omnimj.resources import models_folder
@@ -130,7 +131,7 @@ def run_run(arguments: Any) -> int:
     finished, live = _drive(arguments, scenario, method, wire)
     others = Comparison()
     if beside and not finished.interrupted:
-        others = drive_comparison(scenario, arguments.plant, beside, arguments.seed)
+        others = drive_comparison(arguments, scenario, beside)
     if finished.metrics:
         _write_and_print(arguments, finished, live, others)
     if others.interrupted:
@@ -186,7 +187,9 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
         print(text, flush=True)
     if arguments.out is not None:
         # the folder already holds the frames of the link
-        write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
+        with progress_bar(arguments) as bar:
+            bar.show(1, 1, f"writing {arguments.out}")
+            write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
         if not failure and not arguments.json:
             print(f"written to {arguments.out}")
     print_failures(others)
@@ -215,13 +218,15 @@ def _drive(
     plant = plant_name(scenario, arguments.plant)
     compiled = "remote" if wire is not None else plant
     if plant != KINEMATIC:
-        announce_compilation(compiled, scenario.plant)  # before the imports that compile
+        announce_compilation(
+            compiled, scenario.plant, quiet=arguments.quiet
+        )  # before the imports that compile
     live, callbacks = None, NO_CALLBACKS
     if arguments.view:
         known = {"scenario": scenario.name, "method": method, "seed": arguments.seed}
         live = open_live(scenario, known)
         callbacks = live.callbacks
-    with ProgressBar() as bar:
+    with progress_bar(arguments) as bar:
         finished = run_scenario(
             scenario,
             arguments.plant,
@@ -265,16 +270,13 @@ class Comparison:
     """True if Ctrl-C ended the last run; earlier runs are complete."""
 
 
-def drive_comparison(
-    scenario: Scenario, plant: str | None, methods: tuple[str, ...], seed: int
-) -> Comparison:
+def drive_comparison(arguments: Any, scenario: Scenario, methods: tuple[str, ...]) -> Comparison:
     """Drive the scenario once with each method.
 
     Args:
+      arguments: Plant and seed of the sensor noise, the same for all methods.
       scenario: The scenario of the main run.
-      plant: As in `run_scenario`.
       methods: Methods to drive with, from `other_methods`.
-      seed: Seed of the sensor noise, the same for all methods.
     """
     from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import run_scenario
@@ -283,8 +285,9 @@ def drive_comparison(
     failures: dict[str, str] = {}
     try:
         for method in methods:
-            with ProgressBar() as bar:
-                run = run_scenario(scenario, plant, method, seed, Callbacks(_progress(bar, method)))
+            with progress_bar(arguments) as bar:
+                callbacks = Callbacks(_progress(bar, method))
+                run = run_scenario(scenario, arguments.plant, method, arguments.seed, callbacks)
             if run.metrics:
                 runs[method] = run
             if run.trace.about["failure"]:

@@ -23,7 +23,8 @@ from omnimj.cli.arguments import (
     read_thresholds,
     whole_number,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_study, note_compiled, print_study
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import announce_compilation, format_study, note_compiled, print_study
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -113,8 +114,8 @@ def run_evaluate(arguments: Any) -> int:
         found = f"found with --executor {arguments.executor}"
         raise InputError("--record", found, "recordings would stay on the disks of its workers")
     for plant in choice.plants:
-        announce_compilation(plant, "uto_robot")
-    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
+        announce_compilation(plant, "uto_robot", quiet=arguments.quiet)
+    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         outcome = run_evaluation(order, bar.show_share, executor)
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
@@ -197,9 +198,9 @@ def run_sensitivity(arguments: Any) -> int:
         arguments.force,
     )
     scenario = nominal_scenario(trial)
-    announce_compilation(order.trial.plant, scenario.plant)
+    announce_compilation(order.trial.plant, scenario.plant, quiet=arguments.quiet)
     check_config(order)
-    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
+    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         outcome = run_sensitivity(order, bar.show_share, executor)
     if outcome.runs:
         note_compiled(order.trial.plant, scenario.plant)

@@ -139,7 +139,7 @@ def _plant(arguments: Any, scenario: Scenario) -> Plant:
         raise InputError(given, "there is no wire", f"it belongs to --plant {ADDRESS}")
     if name not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", name, (*PLANT_NAMES, "serial:…", "udp:…"))
-    announce_compilation(name, scenario.plant)
+    announce_compilation(name, scenario.plant, quiet=arguments.quiet)
     return make_plant(scenario, name, arguments.seed)
 
 

@@ -1,4 +1,4 @@
-"""Output for terminals and pipes: robust streams, a progress bar, plain-text tables, notices."""
+"""Output for terminals and pipes: robust streams, signals, plain-text tables, notices."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, TextIO
+from typing import Any
+
+from omnimj.cli.progress import end_notice
 
 _ASCII_EQUIVALENTS = {
     "≥": ">=",
@@ -28,8 +29,6 @@ _ASCII_EQUIVALENTS = {
     "·": ".",
 }
 _ERROR_HANDLER = "omnimj-ascii"
-_BAR_WIDTH, _PHASE_WIDTH = 32, 38  # 80 columns together with the percentage
-_BAR_STEPS = 1000
 
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
@@ -85,51 +84,6 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         for number, action in before.items():
             signal.signal(number, action)
-
-
-class ProgressBar:
-    """Progress bar on a terminal; no output in a pipe.
-
-    `with ProgressBar() as bar: …bar.show(done, total)`; the line is erased at the end.
-    """
-
-    def __init__(self, stream: TextIO | None = None):
-        self._stream = sys.stderr if stream is None else stream
-        self._on_terminal = self._stream.isatty()
-        self._shown: tuple[int, str] | None = None
-
-    def __enter__(self) -> ProgressBar:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._on_terminal and self._shown is not None:
-            self._write("\r\x1b[K")
-
-    def show(self, done: int, total: int, phase: str = "") -> None:
-        """Redraw the bar if the percentage or the phase has changed."""
-        percent = 100 * done // total
-        if not self._on_terminal or (percent, phase) == self._shown:
-            return
-        self._shown = (percent, phase)
-        filled = _BAR_WIDTH * done // total
-        # clears the rest of the line, which may hold a longer phase
-        words = f"  {phase[:_PHASE_WIDTH]}\x1b[K" if phase else ""
-        self._write(f"\r{'█' * filled}{'·' * (_BAR_WIDTH - filled)} {percent:3d} %{words}")
-
-    def show_share(self, phase: str, share: float) -> None:
-        """Redraw the bar for a share of the work, 0 … 1."""
-        self.show(round(_BAR_STEPS * min(max(share, 0.0), 1.0)), _BAR_STEPS, phase)
-
-    def _write(self, text: str) -> None:
-        self._stream.write(text)
-        self._stream.flush()
-
-
-def progress_bar(arguments: Any) -> ProgressBar:
-    """Make the progress bar of a command; one dataset of several shows none."""
-    return ProgressBar(io.StringIO() if getattr(arguments, "quiet", False) else None)
 
 
 def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -188,18 +142,20 @@ def format_value(value: float | None, unit: str = "") -> str:
     return "–" if value is None else f"{value:.4g} {unit}".rstrip()
 
 
-def announce_compilation(plant: str, machine: str, kind: str = "plant") -> None:
+def announce_compilation(plant: str, machine: str, kind: str = "plant", quiet: bool = False) -> None:
     """Say on stderr that native code must be compiled first, if so; a terminal counts the functions.
 
     Args:
       plant: `twin` or `planar`, or the name of a method.
       machine: `uto_robot` or `quarter_rig`.
       kind: `plant` or `method`.
+      quiet: True to say nothing.
     """
     from omnimj.physics.native import is_compiled, on_compilation
 
-    if is_compiled(f"{plant}-{machine}"):
+    if quiet or is_compiled(f"{plant}-{machine}"):
         return
+    end_notice()
     words = f"compiling native code for the {plant} {kind}, once, for up to a minute …"
     print(words, end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
     if sys.stderr.isatty():

@@ -24,7 +24,8 @@ from omnimj.cli.arguments import (
     require_writable,
     whole_number,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -108,8 +109,8 @@ def run(arguments: Any) -> int:
     require_writable(report, arguments.force)
     check_config(config)
     for plant in (config.plant, *(("twin",) if config.twin else ())):
-        announce_compilation(plant, "uto_robot")
-    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
+        announce_compilation(plant, "uto_robot", quiet=arguments.quiet)
+    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         outcome = run_tuning(
             config,
             bar.show_share,

@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import command_line, exit_code
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
+from omnimj.cli.progress import progress_bar
+from omnimj.cli.terminal import announce_compilation, format_json, format_table, note_compiled
 from omnimj.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -71,8 +72,8 @@ def validate_robot_dataset(arguments: Any, dataset: Dataset, floors: Mapping[str
     _check_recording(arguments, dataset)
     plants = ("twin", "planar") if arguments.plant == "both" else (arguments.plant,)
     for plant in plants:
-        announce_compilation(plant, _MACHINE)
-    with ProgressBar() as bar:
+        announce_compilation(plant, _MACHINE, quiet=arguments.quiet)
+    with progress_bar(arguments) as bar:
         found = validate_drives(dataset, robot, floors, plants, bar.show)
     if not found.runs:
         raise KeyboardInterrupt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from omnimj.errors import InputError, OutputError, write_failure
 
+_LOG = logging.getLogger(__name__)
 RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
 """Files of a run, in the order in which they are written."""
 
@@ -88,6 +90,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.replace(path)
+        _LOG.debug("wrote %s", path)
     except OSError as error:
         raise write_failure(path, error) from None
     finally:

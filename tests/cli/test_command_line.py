@@ -14,7 +14,8 @@ import jsonschema
 import pytest
 
 from omnimj.cli.main import main, make_parser
-from omnimj.cli.terminal import ProgressBar, format_table, format_value
+from omnimj.cli.progress import ProgressBar
+from omnimj.cli.terminal import format_table, format_value
 from omnimj.plant.mujoco.twin import RobotTwin
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace

@@ -14,7 +14,7 @@ import pytest
 from made_findings import FINDINGS, rig_named, rig_unexplained
 
 from omnimj.cli.main import main
-from omnimj.cli.terminal import ProgressBar
+from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.files import new_model_text
 from omnimj.estimate.gap.find import held_out_conditions
