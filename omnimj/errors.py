@@ -53,6 +53,13 @@ class UnknownNameError(InputError, LookupError):
         super().__init__(place, f"unknown {kind} {name!r}", hint, names)
 
 
+class MissingLibrary(InputError, ImportError):
+    """A library of an optional extra that is not installed; the message says how to install it."""
+
+    def __init__(self, place: object, library: str, extra: str):
+        super().__init__(place, f"{library} is not installed", f"pip install 'omnimj[{extra}]'")
+
+
 class OutputError(OmnimjError, OSError):
     """A file that cannot be written: a full disk, a missing right.
 

@@ -130,6 +130,35 @@ for name in ("control", "physics", "parameters", "plant"):
     )
 
 
+@pytest.mark.parametrize(
+    ("libraries", "argv", "extra"),
+    [
+        (("cma",), ("tune", "circle_8m", "--out", "gains.toml"), "tune"),
+        (("serial",), ("run", "nylon_patch", "--plant", "serial:/dev/ttyACM0"), "hardware"),
+        (("serial",), ("device", "--serial", "/dev/ttyACM0"), "hardware"),
+        (("distributed",), ("evaluate", "--executor", "dask:tcp://127.0.0.1:1", "--out", "out"), "dask"),
+    ],
+)
+def test_a_command_that_needs_an_extra_says_which(libraries, argv, extra, tmp_path):
+    script = f"""
+import contextlib, io
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {libraries}:
+            raise ModuleNotFoundError(f"{{name}} is not there", name=name)
+sys.meta_path.insert(0, Absent())
+from omnimj.cli.main import main
+with contextlib.redirect_stderr(io.StringIO()) as printed:
+    code = main({list(argv)})
+print(code, printed.getvalue())
+"""
+    code, line = output_of(script, ROOT, cwd=tmp_path).strip().split(" ", 1)
+    assert code == "2" and "\n" not in line
+    assert line.endswith(f"is not installed; pip install 'omnimj[{extra}]'")
+    assert extra in PROJECT["project"]["optional-dependencies"]
+    assert list(tmp_path.iterdir()) == []
+
+
 def _library(requirement: str) -> str:
     return re.split(r"[<>=!~ \[]", requirement)[0].lower()
 

@@ -12,7 +12,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import contextmanager
 from typing import Any
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, MissingLibrary
 
 CHOICES = ("threads", "dask:tcp://HOST:PORT", "slurm:jobs=N,cores=N,memory=8GB,walltime=HH:MM:SS")
 """Forms of an address."""
@@ -89,7 +89,7 @@ def _open_dask(address: str, timeout: float) -> Iterator[Executor]:
     try:
         import distributed
     except ImportError:
-        raise InputError(place, "distributed is not installed", "pip install 'omnimj[dask]'") from None
+        raise MissingLibrary(place, "distributed", "dask") from None
     try:
         client = distributed.Client(scheduler, timeout=timeout, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -134,7 +134,7 @@ def _open_slurm(address: str) -> Iterator[Executor]:
         import distributed
         from dask_jobqueue import SLURMCluster
     except ImportError:
-        raise InputError(place, "dask-jobqueue is not installed", "pip install 'omnimj[slurm]'") from None
+        raise MissingLibrary(place, "dask-jobqueue", "slurm") from None
     if shutil.which("sbatch") is None:
         raise InputError(place, "there is no sbatch on this machine", "run it on a login node of the cluster")
     with SLURMCluster(**job_options(options)) as cluster:

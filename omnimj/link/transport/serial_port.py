@@ -9,10 +9,9 @@ import contextlib
 import os
 import select
 import time
+from typing import Any
 
-import serial
-
-from omnimj.errors import InputError
+from omnimj.errors import InputError, MissingLibrary
 from omnimj.link.codec.layout import DropCounts
 from omnimj.link.codec.stream import DELIMITER, PacketStream, stuff
 from omnimj.link.transport.address import SerialAddress
@@ -36,6 +35,7 @@ class SerialTransport:
 
         Raises:
           InputError: No such port, it is in use, or it does not support the rate.
+          MissingLibrary: pyserial is not installed.
         """
         self.failures, self.is_open = 0, True
         self._address, self._passive, self._is_closed = address, passive, False
@@ -43,6 +43,8 @@ class SerialTransport:
         self._next_attempt = 0.0
         try:
             self._port = self._opened()
+        except ImportError:
+            raise MissingLibrary(address, "pyserial", "hardware") from None
         except (OSError, ValueError, OverflowError) as error:
             raise InputError(address, f"cannot be opened ({error})") from None
         if not passive:
@@ -115,7 +117,9 @@ class SerialTransport:
         self.is_open, self._is_closed = False, True
         self._port.close()
 
-    def _opened(self) -> serial.Serial:
+    def _opened(self) -> Any:
+        import serial  # an optional extra: others have no serial port
+
         exclusive = True if os.name == "posix" else None
         address = self._address
         return serial.Serial(address.path, address.baud, timeout=0, write_timeout=0, exclusive=exclusive)

@@ -7,11 +7,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from omnimj.control.gains import GAIN_NAMES, GAIN_TABLES, Gains, rule_of, unit_of
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError, MissingLibrary, UnknownNameError
 
 WIDEST_FACTOR = 4.0
 """Factor by which a gain may grow or shrink."""
@@ -142,6 +143,21 @@ def generation_size(axes: int) -> int:
     return max(6, 4 + math.floor(3.0 * math.log(axes)))
 
 
+def require_cma() -> Any:
+    """Import the library `cma`.
+
+    Raises:
+      MissingLibrary: It is not installed.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about its own plots, which need another library
+            import cma  # slow to import
+    except ImportError:
+        raise MissingLibrary("omnimj tune", "cma", "tune") from None
+    return cma
+
+
 class Search:
     """CMA-ES over the axes, by ask and tell.
 
@@ -151,10 +167,7 @@ class Search:
     """
 
     def __init__(self, axes: Sequence[GainAxis], seed: int):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about its own plots, which need another library
-            import cma  # slow to import
-
+        cma = require_cma()
         self._axes = tuple(axes)
         # CMA-ES needs two dimensions: a single axis is complemented by one without effect
         self._hidden = int(len(axes) == 1)

@@ -28,6 +28,7 @@ from omnimj.studies.tuning.search import (
     Search,
     axes_of,
     generation_size,
+    require_cma,
     with_values,
 )
 from omnimj.studies.workers import Progress, WorkerPool
@@ -112,6 +113,7 @@ def check_config(config: TuningConfig) -> None:
     Raises:
       UnknownNameError: A plant or scenario does not exist.
       InputError: A scenario is not suitable for tuning, a gain is 0, or the twin would be evaluated twice.
+      MissingLibrary: The library of the search is not installed.
     """
     if config.plant not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", config.plant, PLANT_NAMES)
@@ -120,6 +122,7 @@ def check_config(config: TuningConfig) -> None:
         raise InputError("--twin", f"found {config.twin}", rule)
     read_tuned_scenarios(config.scenarios, config.model)
     axes_of(config.before, config.names, config.bounds)
+    require_cma()
 
 
 def gains_by_name(gains: Gains) -> dict[str, float]:
