@@ -291,7 +291,8 @@ def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
     """Read the options of the link; return None for a plant without one.
 
     Raises:
-      InputError: A link option was given for a plant without a link.
+      InputError: A link option was given for a plant without a link, or the address has the wrong form.
+      MissingLibrary: The library of serial ports is not installed.
     """
     names = ("key_file", "lock_step", "real_time", "readonly", "dry_run", "reset_fault")
     given = [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name)]
@@ -302,7 +303,11 @@ def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
             raise InputError(given[0], "there is no wire", f"it belongs to --plant {ADDRESS}")
         return None
     from omnimj.link.host.link import LinkMode
+    from omnimj.link.transport.address import SerialAddress, parse_address
+    from omnimj.link.transport.serial_port import require_library
 
+    if isinstance(address := parse_address(arguments.plant), SerialAddress):
+        require_library(address)
     mode = (
         LinkMode.READONLY if arguments.readonly else LinkMode.DRY_RUN if arguments.dry_run else LinkMode.DRIVE
     )

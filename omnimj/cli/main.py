@@ -24,6 +24,7 @@ from omnimj.cli.import_logs import IMPORT
 from omnimj.cli.link import LINK
 from omnimj.cli.progress import logging_to, start_notice
 from omnimj.cli.record import RECORD
+from omnimj.cli.report_bug import REPORT_BUG, store_last_command
 from omnimj.cli.run import RUN, SCENARIOS
 from omnimj.cli.studies import EVALUATE, SENSITIVITY
 from omnimj.cli.teleop import TELEOP
@@ -64,7 +65,7 @@ GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Robot on a wire": (LINK, DEVICE),
-    "This machine": (BENCH, COMPLETION),
+    "This machine": (BENCH, COMPLETION, REPORT_BUG),
 }
 """Sub-commands by purpose, as the help lists them."""
 
@@ -148,18 +149,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
+    try:
+        code = _end(given)
+    except Exception as error:
+        _store(given, FAILED, f"{type(error).__name__}: {error}")
+        print(
+            "omnimj: this is a fault of omnimj; `omnimj report-bug` prints what a report needs",
+            file=sys.stderr,
+        )
+        raise
+    return code
+
+
+def _end(given: list[str]) -> int:
+    """Run a sub-command, and end every expected failure with one line and its exit code."""
     code = NO_READER
     try:
         with ended_by_signals():
             code = _run(given)
         flush_output()
+        _store(given, code)
         return code
     except NoAnswer as error:
-        return _print_error(error, NO_ANSWER)
+        return _end_by(given, error, NO_ANSWER)
     except InputError as error:
-        return _print_error(error, BAD_INPUT)
+        return _end_by(given, error, BAD_INPUT)
     except OmnimjError as error:
-        return _print_error(error, FAILED)
+        return _end_by(given, error, FAILED)
     except KeyboardInterrupt:
         print("omnimj: interrupted; every file that is there is complete", file=sys.stderr)
         return INTERRUPTED
@@ -169,7 +185,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:  # for example an impossible file name, or standard output on a full disk
         drop_output()
         code = FAILED if error.errno in _REFUSED_BY_SYSTEM else BAD_INPUT
-        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), code)
+        return _end_by(given, InputError(error.filename or "omnimj", error.strerror or str(error)), code)
 
 
 def _run(given: list[str]) -> int:
@@ -191,7 +207,14 @@ def _run(given: list[str]) -> int:
         return code
 
 
-def _print_error(error: Exception, code: int) -> int:
+def _end_by(given: list[str], error: Exception, code: int) -> int:
+    """Print an error in one line and return the exit code."""
     text = " ".join(str(error).split())
-    print(text if re.match(r"omnimj[ a-z]*: ", text) else f"omnimj: {text}", file=sys.stderr)
+    text = text if re.match(r"omnimj[ a-z]*: ", text) else f"omnimj: {text}"
+    _store(given, code, text)
+    print(text, file=sys.stderr)
     return code
+
+
+def _store(given: list[str], code: int, error: str = "") -> None:
+    store_last_command(["omnimj", *given], code, error)

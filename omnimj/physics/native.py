@@ -36,6 +36,8 @@ from numba.core.errors import RequireLiteralValue
 from numba.core.sigutils import normalize_signature
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from omnimj.resources import cache_root
+
 # the decorators hide the signatures from type checkers
 first_numbers: Any = to_fixed_tuple
 """`first_numbers(row, n)`: the first n numbers of a row as a tuple, inside kernels; n is a constant."""
@@ -121,18 +123,6 @@ def fingerprint(package: str) -> str:
     return digest.hexdigest()[:16]
 
 
-def _own_roots() -> Iterator[Path]:
-    """Candidate folders for caches below the user's home."""
-    chosen, caches = os.environ.get("OMNIMJ_CACHE"), os.environ.get("XDG_CACHE_HOME")
-    if chosen:
-        yield Path(chosen)
-    elif caches:
-        yield Path(caches) / "omnimj"
-    else:
-        with contextlib.suppress(RuntimeError):  # an account without a home
-            yield Path.home() / ".cache" / "omnimj"
-
-
 def _temporary_roots() -> Iterator[Path]:
     """Folder below the shared temporary one that only this user can write, since loading a kernel runs it."""
     user = os.getuid() if hasattr(os, "getuid") else None
@@ -146,7 +136,8 @@ def _temporary_roots() -> Iterator[Path]:
 @functools.cache
 def cache_folder(package: str) -> Path:
     """Folder of a package's compiled kernels; below the temporary folder where home is read-only."""
-    for root in itertools.chain(_own_roots(), _temporary_roots()):
+    own = cache_root()
+    for root in itertools.chain(() if own is None else (own,), _temporary_roots()):
         folder = root / f"native-{package}-{fingerprint(package)}"
         try:
             folder.mkdir(parents=True, exist_ok=True)

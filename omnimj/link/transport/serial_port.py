@@ -23,6 +23,19 @@ _POLL_INTERVAL = 0.0005  # [s] between polls where the system cannot wait for a 
 _ERRORS = (OSError, TypeError, ValueError)  # unplugged or closed; pyserial's own errors are OSErrors
 
 
+def require_library(address: object) -> Any:
+    """Import pyserial, an optional extra: others have no serial port.
+
+    Raises:
+      MissingLibrary: It is not installed.
+    """
+    try:
+        import serial
+    except ImportError:
+        raise MissingLibrary(address, "pyserial", "hardware") from None
+    return serial
+
+
 class SerialTransport:
     """End of a serial line; opens the port exclusively where the system can."""
 
@@ -41,10 +54,9 @@ class SerialTransport:
         self._address, self._passive, self._is_closed = address, passive, False
         self._stream, self._rest = PacketStream(), b""  # rest of a partly sent packet
         self._next_attempt = 0.0
+        self._library = require_library(address)
         try:
             self._port = self._opened()
-        except ImportError:
-            raise MissingLibrary(address, "pyserial", "hardware") from None
         except (OSError, ValueError, OverflowError) as error:
             raise InputError(address, f"cannot be opened ({error})") from None
         if not passive:
@@ -118,11 +130,11 @@ class SerialTransport:
         self._port.close()
 
     def _opened(self) -> Any:
-        import serial  # an optional extra: others have no serial port
-
         exclusive = True if os.name == "posix" else None
         address = self._address
-        return serial.Serial(address.path, address.baud, timeout=0, write_timeout=0, exclusive=exclusive)
+        return self._library.Serial(
+            address.path, address.baud, timeout=0, write_timeout=0, exclusive=exclusive
+        )
 
     def _lose(self) -> None:
         """Close the port, which is gone; `receive` opens it again."""
