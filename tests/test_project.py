@@ -71,3 +71,21 @@ def test_the_guide_for_contributors_links_to_what_exists():
     assert [t for t in re.findall(r"\]\(([^)#]+)\)", text) if not (guide.parent / t).exists()] == []
     assert [t for t in re.findall(r"`(omnimj/[\w/.]+)`", text) if not (ROOT / t).exists()] == []
     assert {page.name for page in PAGES} == set(re.findall(r"extend/([\w.]+)", text))
+
+
+def test_the_nightly_tables_are_those_of_the_documentation():
+    """Each command of the tables of evaluation, sensitivity, benchmark and soak, without its output folder."""
+    script = (ROOT / ".ci" / "tables").read_text(encoding="utf-8")
+    commands = []
+    for page, wanted in (
+        ("evaluation.md", r"`(omnimj evaluate [^`]*--seed [^`]*)`"),
+        ("threats.md", r"`(omnimj link fuzz [^`]*)`"),
+        ("tuning.md", r"^(omnimj sensitivity .*)$"),
+    ):
+        found = re.findall(wanted, (DOCS / page).read_text(encoding="utf-8"), flags=re.M)
+        assert found, page
+        commands += found
+    for command in commands:
+        words = re.sub(r" --(out|method) \S+", "", command)
+        assert words in re.sub(r" --(out|method) \S+", "", script), command
+    assert ".ci/tables" in (ROOT / ".ci" / "nightly").read_text(encoding="utf-8")
