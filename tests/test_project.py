@@ -74,7 +74,7 @@ def test_the_guide_for_contributors_links_to_what_exists():
 
 
 def test_the_nightly_tables_are_those_of_the_documentation():
-    """Each command of the tables of evaluation, sensitivity, benchmark and soak, without its output folder."""
+    """Each command of the tables on evaluation, sensitivity and soak, but for its output folder."""
     script = (ROOT / ".ci" / "tables").read_text(encoding="utf-8")
     commands = []
     for page, wanted in (
