@@ -30,6 +30,8 @@ class Command:
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[Any], int]
     """Function of the parsed arguments that does the work and returns the exit code."""
+    resumes: bool = False
+    """True if the command continues what it has left in `--out` when it is given again."""
 
     def add_to(self, commands: Any, key: str = "run") -> None:
         """Add the command to a parser's sub-commands.
@@ -49,7 +51,7 @@ class Command:
         self.add_arguments(parser)
         _add_output_options(parser)
         options = [name for action in parser._actions for name in action.option_strings]
-        parser.set_defaults(**{key: self.run}, options=options)
+        parser.set_defaults(**{key: self.run}, options=options, resumes=self.resumes)
 
 
 def _add_output_options(parser: argparse.ArgumentParser) -> None:

@@ -177,7 +177,7 @@ def _end(given: list[str]) -> int:
     except OmnimjError as error:
         return _end_by(given, error, FAILED)
     except KeyboardInterrupt:
-        print("omnimj: interrupted; every file that is there is complete", file=sys.stderr)
+        print("omnimj: interrupted before the work began", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of the pipe, such as head, has closed it
         drop_output()
@@ -200,11 +200,28 @@ def _run(given: list[str]) -> int:
         _LOG.info("omnimj %s: %s", __version__, command_line(arguments))
         try:
             code = arguments.run(arguments)
+        except KeyboardInterrupt:
+            _LOG.info("interrupted")
+            _store(given, INTERRUPTED)
+            print(f"omnimj: interrupted; {_kept(arguments)}", file=sys.stderr)
+            return INTERRUPTED
         except Exception as error:
             _LOG.debug("ended by %s", type(error).__name__, exc_info=True)
             raise
         _LOG.info("exit code %d", code)
         return code
+
+
+def _kept(arguments: argparse.Namespace) -> str:
+    """Say what an interrupted command leaves behind, and how to go on."""
+    out = getattr(arguments, "out", None)
+    if arguments.resumes:
+        return "what was finished is kept, and the same command continues"
+    if out is None:
+        return "nothing was to be written; the same command begins again"
+    if not out.exists() or (out.is_dir() and not any(out.iterdir())):
+        return f"nothing is in {out} yet; the same command begins again"
+    return f"every file in {out} is complete; the same command with --force begins again"
 
 
 def _end_by(given: list[str], error: Exception, code: int) -> int:

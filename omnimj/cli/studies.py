@@ -241,6 +241,7 @@ Seeds 0 to 99 are for setting thresholds: an evaluation with one of them states 
 The same command resumes an interrupted --out; a larger --trials adds cases to it.""",
     add_evaluate_arguments,
     run_evaluate,
+    resumes=True,
 )
 
 
@@ -262,4 +263,5 @@ an alarm, few trajectories are chance: what is marked "perhaps" needs more of th
 The same command resumes an interrupted --out; a larger --trajectories adds to it.""",
     add_sensitivity_arguments,
     run_sensitivity,
+    resumes=True,
 )

@@ -219,4 +219,5 @@ The exit code is 0 when the result is better there, 1 when it is not; FILE state
 Trials are kept in a folder beside FILE: the same command resumes an interrupted search.""",
     add_arguments,
     run,
+    resumes=True,
 )

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from omnimj.cli import main as main_module
 from omnimj.cli.main import main
 from omnimj.cli.terminal import ended_by_signals
 
@@ -24,8 +25,41 @@ def test_a_command_that_is_ended_returns_130_and_says_what_is_kept(number, monke
     listing = "omnimj.simulate.scenario.listing.list_scenarios"
     monkeypatch.setattr(listing, lambda: os.kill(os.getpid(), number))
     assert main(["scenarios"]) == 130
-    assert capsys.readouterr().err == "omnimj: interrupted; every file that is there is complete\n"
+    words = "nothing was to be written; the same command begins again"
+    assert capsys.readouterr().err == f"omnimj: interrupted; {words}\n"
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize(
+    ("argv", "files", "words"),
+    [
+        (("gap", "data"), (), "nothing is in out yet; the same command begins again"),
+        (
+            ("gap", "data"),
+            ("x",),
+            "every file in out is complete; the same command with --force begins again",
+        ),
+        (("evaluate",), ("x",), "what was finished is kept, and the same command continues"),
+        (("sensitivity", "circle_8m"), (), "what was finished is kept, and the same command continues"),
+        (("tune", "circle_8m"), (), "what was finished is kept, and the same command continues"),
+    ],
+)
+def test_what_is_kept_and_how_to_go_on_depends_on_the_command(
+    argv, files, words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+
+    def interrupted(arguments):
+        for name in files:
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / name).touch()
+        raise KeyboardInterrupt
+
+    parsed = main_module.make_parser().parse_args([*argv, "--out", "out"])
+    parsed.run = interrupted
+    monkeypatch.setattr(main_module, "_parse", lambda parser, given: parsed)
+    assert main([*argv, "--out", "out"]) == 130
+    assert capsys.readouterr().err == f"omnimj: interrupted; {words}\n"
 
 
 def test_a_signal_that_is_ignored_stays_ignored(monkeypatch):
