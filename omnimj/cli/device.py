@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import secrets
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,7 @@ from omnimj.cli.arguments import (
     add_overrides,
     add_seed,
 )
-from omnimj.cli.terminal import announce_compilation, note_compiled
+from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(parser, "seed of the sensors' noise")
     words = "a wiring error: sign, gain or dead, of a channel or a motor; repeatable"
     parser.add_argument("--defect", metavar="KIND:PLACE[:VALUE]", action="append", default=[], help=words)
+    parser.add_argument("--json", action="store_true", help="print the counts at the end as JSON")
 
 
 def run(arguments: Any) -> int:
@@ -84,7 +87,8 @@ def run(arguments: Any) -> int:
         emulated = _emulated(plant, scenario, arguments.lock_step, key, defects)
         _warm_up(plant)
         note_compiled(arguments.plant, scenario.plant)
-        server = DeviceServer(emulated, listener, key=key, report=_report, monitor=monitor)
+        report = functools.partial(_report, as_json=arguments.json)
+        server = DeviceServer(emulated, listener, key=key, report=report, monitor=monitor)
         _serve(arguments, server, key is not None, scenario.name)
     finally:
         listener.close()
@@ -190,8 +194,9 @@ def _warm_up(plant: Plant) -> None:
     plant.reset()
 
 
-def _report(line: str) -> None:
-    print(line, flush=True)
+def _report(line: str, as_json: bool = False) -> None:
+    """Print a line; with `--json` standard output holds JSON only."""
+    print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
 
 
 def _serve(arguments: Any, server: DeviceServer, keyed: bool, scenario: str) -> None:
@@ -199,13 +204,30 @@ def _serve(arguments: Any, server: DeviceServer, keyed: bool, scenario: str) -> 
     mode = "lock-step" if arguments.lock_step else f"real time, {1e3 * period:g} ms"
     where = f"udp:{arguments.udp}" if arguments.udp is not None else f"serial:{arguments.serial}"
     words = f"device ready at {where}, {scenario} on the {arguments.plant}, {mode}"
-    _report(words + (", keyed" if keyed else ""))
+    _report(words + (", keyed" if keyed else ""), arguments.json)
     try:
         server.run(lambda: True)
     except KeyboardInterrupt:
         pass
     finally:
-        print(_format_served(server, arguments.lock_step), flush=True)
+        served = _served(server, arguments.lock_step)
+        text = format_json(served) if arguments.json else _format_served(server, arguments.lock_step)
+        print(text, flush=True)
+
+
+def _served(server: DeviceServer, lock_step: bool) -> dict[str, Any]:
+    """Counts of frames, and the timing of a device in real time, as JSON types."""
+    device, timing = server.emulated.device, server.timing
+    found = {
+        "frames": server.frames,
+        "dropped": device.dropped,
+        "refused": device.refused,
+        "fault": device.fault.name.lower() if device.fault else None,
+    }
+    if lock_step:
+        return found
+    periods = {"periods": timing.periods, "missed": timing.missed, "skipped": timing.skipped}
+    return {**found, **periods, "late_seconds": dict(timing.late.as_record())}
 
 
 def _format_served(server: DeviceServer, lock_step: bool) -> str:

@@ -18,7 +18,7 @@ from omnimj.cli.arguments import (
     exit_code,
     whole_number,
 )
-from omnimj.cli.terminal import announce_compilation, note_compiled
+from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--view", action="store_true", help="watch the drive in the Rerun viewer")
     parser.add_argument("--out", metavar="DIR", type=Path, help="write trace.parquet here")
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--keep",
         metavar="MINUTES",
@@ -249,13 +250,20 @@ class _Session:
 
     def _end(self, driven: TeleopResult, live: LiveDrive | None) -> int:
         seconds = driven.steps * self._plant.period
+        factor = None if self._clock is None else self._clock.factor
         words = f"{seconds:.1f} s driven by hand, plant {self._arguments.plant}"
         if self._clock is not None:
             words += f", {self._clock.factor:.2f} × real time"
             if self._clock.factor < _SLOW:
                 words += ": this machine cannot keep up"
         written = self._write(driven)
-        print(f"{words}{written}")
+        if self._arguments.json:
+            plant = self._arguments.plant
+            kept = None if not written else str(self._arguments.out / "trace.parquet")
+            found = {"seconds": seconds, "plant": plant, "realtime_factor": factor, "trace": kept}
+            print(format_json({**found, "interrupted": driven.interrupted, "failure": driven.failure}))
+        else:
+            print(f"{words}{written}")
         if live is not None:
             if live.missed:
                 print(f"the viewer was too slow for {live.missed / 10:.1f} s of it", file=sys.stderr)

@@ -1,14 +1,16 @@
-"""`omnimj link fuzz`: counts what came of it, and fails when something wrong was accepted."""
+"""`omnimj link fuzz` and `omnimj device`: what they count, and when they fail."""
 
 from __future__ import annotations
 
 import json
+import socket
 
 import pytest
 
 from omnimj.cli import link
 from omnimj.cli.main import main
 from omnimj.link.check import fuzz as fuzzing
+from omnimj.link.device.server import DeviceServer
 
 SHORT = ("link", "fuzz", "--frames", "2000", "--noise", "100000", "--seed", "4")
 
@@ -51,3 +53,20 @@ def test_impossible_arguments_are_refused_in_one_line(capsys, argv, expected):
     assert main(argv) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and expected in err and err.startswith("omnimj link")
+
+
+def test_a_device_prints_its_counts_as_json_and_nothing_else(capsys, monkeypatch):
+    def interrupted(self, goes_on):
+        self.frames = 7
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DeviceServer, "run", interrupted)
+    for clock, names in (("--lock-step", set()), ("--real-time", {"periods", "missed", "skipped"})):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        assert main(["device", "--udp", f"127.0.0.1:{port}", "--plant", "planar", clock, "--json"]) == 130
+        printed = capsys.readouterr()
+        found = json.loads(printed.out)
+        assert (found["frames"], found["dropped"], found["fault"]) == (7, 0, None) and names <= set(found)
+        assert "device ready" in printed.err
