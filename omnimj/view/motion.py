@@ -10,10 +10,10 @@ import numpy as np
 from omnimj.signals import Array, Trace
 
 
-def wheel_count(columns: Container[str]) -> int:
-    """Return the number of wheels in a trace."""
+def wheel_count(columns: Container[str], quantity: str = "wheel_speed") -> int:
+    """Return the number of wheels of which a trace holds a quantity."""
     n = 0
-    while f"wheel_speed_{n + 1}" in columns:
+    while f"{quantity}_{n + 1}" in columns:
         n += 1
     return n
 

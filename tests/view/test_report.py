@@ -209,6 +209,17 @@ def figures(robot_trace: Trace, rig_trace: Trace, spans) -> dict[str, Drawing]:
     }
 
 
+@pytest.mark.parametrize("missing", [("wheel_speed",), ("wheel_speed", "current", "slip_velocity")])
+def test_a_run_without_a_quantity_of_its_wheels_has_a_report_without_its_plot(
+    missing, page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+):
+    kept = {name: one for name, one in robot_trace.columns.items() if not name.startswith(missing)}
+    write_report(page_path, Trace(kept, robot_trace.about), robot_scenario, robot_metrics)
+    page = page_path.read_text(encoding="utf-8")
+    assert "id='wheel-speeds'" not in page and "id='path'" in page
+    assert ("id='currents'" in page) == ("current" not in missing)
+
+
 def test_every_axis_names_its_quantity_and_unit(robot_trace, rig_trace):
     for name, figure in figures(robot_trace, rig_trace, ()).items():
         for panel in figure.panels:

@@ -105,10 +105,9 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
     drawing = new_drawing(MIDDLE)
     (panel,) = drawing.panels
     panel.values(label)
-    for i in range(wheel_count(trace)):
-        if f"{name}_{i + 1}" in trace:
-            value, style = trace[f"{name}_{i + 1}"], palette.wheel_line(i)
-            panel.rippling(trace["time"], value, palette.wheel_color(i), f"wheel {i + 1}", style)
+    for i in range(wheel_count(trace, name)):
+        value, style = trace[f"{name}_{i + 1}"], palette.wheel_line(i)
+        panel.rippling(trace["time"], value, palette.wheel_color(i), f"wheel {i + 1}", style)
     if zero:
         panel.rule(0.0)
     panel.legend()
@@ -117,7 +116,7 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
 
 def currents(trace: Trace, spans: Sequence[Span]) -> Drawing:
     """Plot measured motor current and mean command [A], one plot per wheel."""
-    n, time = wheel_count(trace), trace["time"]
+    n, time = wheel_count(trace, "current"), trace["time"]
     drawing = new_drawing(_PER_WHEEL * n + 50, rows=n, shared=True)
     for i, panel in enumerate(drawing.panels):
         color, command = palette.wheel_color(i), f"current_target_{i + 1}"

@@ -87,7 +87,7 @@ def _robot_figures(traces: Mapping[str, Trace], styles: Mapping[str, LineStyle])
         ("current", "Currents", "A"),
         ("slip_velocity", "Slip velocities", "m/s"),
     ):
-        count = max(wheel_count(trace) for trace in traces.values())
+        count = max(wheel_count(trace, quantity) for trace in traces.values())
         columns = [
             (f"{quantity}_{i}", f"wheel {i} [{unit}]")
             for i in range(1, count + 1)

@@ -227,8 +227,9 @@ def _robot_figures(robot: Robot, trace: Trace, patches: Sequence[Any], spans: Se
     if "heading" in trace or "yaw" in trace:
         words = "Driven and planned; distance from the planned position at each instant." + shaded
         figures.append(plot(plots.deviation(trace, spans), "heading", "Heading and position", words))
-    words = "Measured after the gear, and the controller's targets." if has_currents else "Commanded."
-    figures.append(plot(plots.wheel_speeds(trace, spans), "wheel-speeds", "Wheel speeds", words + shaded))
+    if "wheel_speed_1" in trace:
+        words = "Measured after the gear, and the controller's targets." if has_currents else "Commanded."
+        figures.append(plot(plots.wheel_speeds(trace, spans), "wheel-speeds", "Wheel speeds", words + shaded))
     if has_currents:
         words = "Motor currents reported by the amplifiers, and commands." + shaded
         figures.append(plot(plots.currents(trace, spans), "currents", "Currents", words))
