@@ -16,6 +16,7 @@ from omnimj.cli.bench import BENCH
 from omnimj.cli.completion import COMPLETION
 from omnimj.cli.device import DEVICE
 from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
+from omnimj.cli.export import EXPORT
 from omnimj.cli.gap import GAP
 from omnimj.cli.identify import IDENTIFY, VALIDATE
 from omnimj.cli.import_logs import IMPORT
@@ -57,7 +58,7 @@ _REFUSED_BY_SYSTEM = (
 """Full disk, quota, size limit, failing disk, missing right."""
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, TELEOP),
-    "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
+    "Bring model and measurement together": (RECORD, IMPORT, EXPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Robot on a wire": (LINK, DEVICE),
     "This machine": (BENCH, COMPLETION),

@@ -127,7 +127,10 @@ def wheel_count(names: Sequence[str]) -> int:
 def _exact(columns: Mapping[str, SourceColumn], plant: str) -> dict[str, ColumnSource]:
     """Columns that have the names of omnimj, or whose messages say that they are these."""
     known = plant_columns(plant, MAX_WHEELS)
-    found = {column.kind: ColumnSource(name) for name, column in columns.items() if known.has(column.kind)}
+    found: dict[str, ColumnSource] = {}
+    for name, column in columns.items():
+        if known.has(column.kind):
+            found.setdefault(column.kind, ColumnSource(name))
     return found | {name: ColumnSource(name) for name in columns if known.has(name)}
 
 
@@ -254,7 +257,7 @@ def _robot(
         about = f"{rule.source} {source.words}".lower()
         if target.startswith("wheel_speed") and re.search(r"motor|^m\d", about):
             remarks[target] = "a motor's speed: scale = 1 / gear"
-        elif target == "heading" and rule.source != "heading":
+        elif target == "heading" and rule.source != "heading" and not source.kind:
             remarks[target] = "the angle of the robot's x axis; offset in rad"
     if {"x", "y"} <= set(chosen) and "heading" not in chosen and "yaw" in chosen:
         chosen["heading"] = chosen["yaw"]

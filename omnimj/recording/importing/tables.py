@@ -93,6 +93,9 @@ def read_source(path: Path, hints: SourceHints | None = None) -> SourceTable:
     reader = _read_topics if is_bag else READERS.get(path.suffix.lower())
     if reader is None and status is not None and stat.S_ISDIR(status.st_mode):
         raise InputError(path, "is a folder without metadata.yaml", "a log file or a ROS 2 bag is needed")
+    if reader is None and path.suffix.lower() == ".bag":
+        rule = f"`rosbags-convert --src {path.name} --dst {path.stem}` makes a ROS 2 bag of it"
+        raise InputError(path, "is a ROS 1 bag", rule)
     if reader is None:
         raise InputError(path, f"the suffix is {path.suffix!r}", "the format is not known", READERS)
     if not is_bag:
@@ -146,11 +149,6 @@ def _read_topics(path: Path, hints: SourceHints) -> SourceTable:
     return read_topics(path, hints.choice, hints.columns, hints.topics)
 
 
-def _read_ros1(path: Path, _: SourceHints) -> SourceTable:
-    rule = f"`rosbags-convert --src {path.name} --dst {path.stem}` makes a ROS 2 bag of it"
-    raise InputError(path, "is a ROS 1 bag", rule)
-
-
 def _read_json(path: Path, _: SourceHints) -> SourceTable:
     from omnimj.recording.importing.nested import read_json
 
@@ -188,6 +186,5 @@ READERS: Mapping[str, Callable[[Path, SourceHints], SourceTable]] = {
     ".parquet": _read_parquet,
     ".mcap": _read_topics,
     ".db3": _read_topics,
-    ".bag": _read_ros1,
 }
 """Readers by suffix."""

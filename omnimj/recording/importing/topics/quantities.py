@@ -28,7 +28,7 @@ _FIELD_UNITS = (
     (r"(^|\.)torque\.[xyz]$", "Nm"),
     (r"\.yaw$", "rad"),
 )
-"""Units of the parts of poses, transforms, twists and wrenches, in messages of package geometry_msgs and others."""
+"""Units of the parts of poses, transforms, twists and wrenches."""
 _GEOMETRY = re.compile(r"^(geometry_msgs|nav_msgs|tf2_msgs|sensor_msgs)/")
 _KINDS: tuple[tuple[str, str, str], ...] = (
     # type, path, kind

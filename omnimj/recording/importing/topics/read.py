@@ -50,7 +50,13 @@ _NO_SIGNALS = (
     "rcl_interfaces/ParameterEvent",
     "rcl_interfaces/Log",
 )
-_ORDER = (JOINT_STATES, "sensor_msgs/Imu", "geometry_msgs/PoseStamped", "nav_msgs/Odometry")
+_ORDER = (
+    "omnimj_msgs/Trace",
+    JOINT_STATES,
+    "sensor_msgs/Imu",
+    "geometry_msgs/PoseStamped",
+    "nav_msgs/Odometry",
+)
 _LONGEST_DEFINITION = 2**20
 _NANO = 1e-9
 _HELD = re.compile(r"set_?point|target|cmd|command|desired|goal")
@@ -184,13 +190,13 @@ class _Collector:
 
 
 def _base(path: Path, found: Mapping[str, _Topic], wanted: str | None) -> str:
-    """Topic of the time base: joint states where there are, else the topic with the most messages."""
+    """Topic of the time base: joint states or a trace where there are, else that with the most messages."""
     if wanted is not None:
         if wanted not in found:
             raise UnknownNameError(f"{path}: [topics] base", "topic", wanted, found)
         return wanted
-    joints = [name for name, one in found.items() if one.channel.type_name == JOINT_STATES]
-    return max(joints or found, key=lambda name: found[name].series.count)
+    first = [name for name, one in found.items() if one.channel.type_name in _ORDER[:2]]
+    return max(first or found, key=lambda name: found[name].series.count)
 
 
 def _joined(
@@ -207,7 +213,7 @@ def _joined(
     if len(times) < 2:
         raise InputError(f"{path}: topic {base}", f"has {len(times)} message", "at least 2 make a time base")
     zero = 0 if abs(int(times[0])) * _NANO < KEPT_TIME else int(times[0])
-    columns = {"time": SourceColumn("time", (times - zero) * _NANO, "s", kind="time")}
+    columns = {"time": SourceColumn("time", (times - zero).astype(float) * _NANO, "s", kind="time")}
     others, scalars = dict(left_out), {}
     summaries = []
     for name, topic in found.items():
@@ -265,9 +271,9 @@ def _column(topic: str, about: _Topic, path: str, values: Array) -> SourceColumn
     meta = about.channel.metadata
     renamed = {key.removeprefix(RENAMED): name for key, name in meta.items() if key.startswith(RENAMED)}
     what = quantity(about.channel.type_name, path, about.units, renamed)
-    return SourceColumn(
-        f"{topic}.{path}", values, what.unit, about.channel.type_name, kind=what.kind, part=what.part
-    )
+    is_reading = what.kind != "time" and not _HELD.search(topic)
+    kind, part = (what.kind, what.part) if is_reading else ("", "")
+    return SourceColumn(f"{topic}.{path}", values, what.unit, about.channel.type_name, kind, part)
 
 
 def _summary(
