@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import keyword
 import re
 from collections.abc import Callable, Iterable
 
@@ -23,9 +22,9 @@ _UNITS = (
     (rf"(effectiveness|limit_reason|weight){_N}|misfit|mode|recovery|pace", "1"),
 )
 _LONGEST_MATLAB = 63
-_MATLAB_WORDS = frozenset(
-    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent "
-    "return spmd switch try while".split()
+_MATLAB_WORDS = (
+    *("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global"),
+    *("if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while"),
 )
 
 
@@ -50,9 +49,7 @@ def matlab_names(names: Iterable[str]) -> dict[str, str]:
     def valid(name: str) -> str:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
         plain = plain if plain[:1].isalpha() else f"column_{plain.lstrip('_')}"
-        return (f"{plain}_" if plain in _MATLAB_WORDS or keyword.iskeyword(plain) else plain)[
-            :_LONGEST_MATLAB
-        ]
+        return (f"{plain}_" if plain in _MATLAB_WORDS else plain)[:_LONGEST_MATLAB]
 
     return _distinct(names, valid)
 

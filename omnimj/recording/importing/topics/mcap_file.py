@@ -21,7 +21,8 @@ from omnimj.recording.importing.topics.messages import (
 )
 
 _MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
+_DATA = (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK)
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
@@ -50,6 +51,7 @@ def read_mcap(path: Path, open_channel: OpenChannel) -> None:
         try:
             for opcode, body in _records(path, file, size - len(_MAGIC)):
                 reader.take(opcode, body)
+            reader.require_all_messages()
         except InputError:
             raise
         except Exception as error:  # damaged records make the library raise errors of any kind
@@ -66,8 +68,8 @@ def _require_magic(path: Path, file: IO[bytes], size: int) -> None:
 
 
 def _records(path: Path, file: IO[bytes], end: int) -> Iterator[tuple[int, memoryview]]:
-    """Yield the records of the data section that are needed; the others are skipped."""
-    at = file.tell()
+    """Yield the data and, after it, the statistics; other records are skipped."""
+    at, ended = file.tell(), False
     while at < end:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -76,9 +78,8 @@ def _records(path: Path, file: IO[bytes], end: int) -> Iterator[tuple[int, memor
         if length > end - at - _HEAD.size:
             found = f"the record at byte {at} claims {length} bytes, {end - at - _HEAD.size} are left"
             raise InputError(path, found, _RECOVER)
-        if opcode == _DATA_END:
-            return
-        if opcode in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
+        ended = ended or opcode == _DATA_END
+        if opcode == _STATISTICS if ended else opcode in _DATA:
             if length > LARGEST_RECORD:
                 found = f"the record at byte {at} has {length} bytes"
                 raise InputError(path, found, f"at most {LARGEST_RECORD} are held in memory")
@@ -86,7 +87,8 @@ def _records(path: Path, file: IO[bytes], end: int) -> Iterator[tuple[int, memor
         else:
             file.seek(length, io.SEEK_CUR)
         at += _HEAD.size + length
-    raise InputError(path, "has no end of data", _RECOVER)
+    if not ended:
+        raise InputError(path, "has no end of data", _RECOVER)
 
 
 class _Reader:
@@ -100,6 +102,8 @@ class _Reader:
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._receivers: dict[int, OnMessage | None] = {}
+        self._count = 0
+        self._stated: int | None = None
 
     def take(self, opcode: int, body: memoryview, inside: bool = False) -> None:
         """Use one record, or all records of a chunk."""
@@ -113,6 +117,18 @@ class _Reader:
             self._channels.setdefault(one.id, one)
         elif opcode == _CHUNK and not inside:
             self._take_chunk(body)
+        elif opcode == _STATISTICS and not inside:
+            (self._stated,) = _LENGTH.unpack_from(body)
+
+    def require_all_messages(self) -> None:
+        """Refuse a file that has lost messages, as one with a damaged chunk that is no longer seen as one.
+
+        Raises:
+          InputError: It has other messages than its statistics count.
+        """
+        if self._stated is not None and self._stated != self._count:
+            found = f"has {self._count} messages, its statistics count {self._stated}"
+            raise InputError(self._path, found, _RECOVER)
 
     def _take_chunk(self, body: memoryview) -> None:
         content = memoryview(_expanded(self._path, body))
@@ -127,6 +143,7 @@ class _Reader:
 
     def _pass_on(self, body: memoryview) -> None:
         channel, _, logged, _ = _MESSAGE_HEAD.unpack_from(body)
+        self._count += 1
         if channel not in self._receivers:
             self._receivers[channel] = self._open(self._described(channel))
         receiver = self._receivers[channel]

@@ -77,8 +77,9 @@ def quantity(type_name: str, path: str, stated: Mapping[str, str], renamed: Mapp
 
 
 def _unit(type_name: str, path: str, stated: Mapping[str, str]) -> str:
-    if path in stated:
-        return stated[path]
+    plain = _ENTRY.sub("", path)  # the entries of a list share its unit
+    if path in stated or plain in stated:
+        return stated.get(path, stated.get(plain, ""))
     known = _TYPE_UNITS.get(type_name, ())
     if _GEOMETRY.match(type_name):
         known = (*known, *_FIELD_UNITS)

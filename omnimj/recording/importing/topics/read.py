@@ -50,13 +50,9 @@ _NO_SIGNALS = (
     "rcl_interfaces/ParameterEvent",
     "rcl_interfaces/Log",
 )
-_ORDER = (
-    "omnimj_msgs/Trace",
-    JOINT_STATES,
-    "sensor_msgs/Imu",
-    "geometry_msgs/PoseStamped",
-    "nav_msgs/Odometry",
-)
+_BASES = ("omnimj_msgs/Trace", JOINT_STATES)
+"""Types that make the time base where there are any."""
+_ORDER = (*_BASES, "sensor_msgs/Imu", "geometry_msgs/PoseStamped", "nav_msgs/Odometry")
 _LONGEST_DEFINITION = 2**20
 _NANO = 1e-9
 _HELD = re.compile(r"set_?point|target|cmd|command|desired|goal")
@@ -195,7 +191,7 @@ def _base(path: Path, found: Mapping[str, _Topic], wanted: str | None) -> str:
         if wanted not in found:
             raise UnknownNameError(f"{path}: [topics] base", "topic", wanted, found)
         return wanted
-    first = [name for name, one in found.items() if one.channel.type_name in _ORDER[:2]]
+    first = [name for name, one in found.items() if one.channel.type_name in _BASES]
     return max(first or found, key=lambda name: found[name].series.count)
 
 
