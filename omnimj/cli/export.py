@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "folder of a run, its trace.parquet, or a run of a dataset (DATASET/NAME.parquet)"
     parser.add_argument("run_path", metavar="RUN", type=Path, help=words)
     words = "mcap (Foxglove, PlotJuggler, ROS 2), csv, or mat (MATLAB)"
-    parser.add_argument("--to", metavar="F", dest="format", required=True, choices=FORMATS, help=words)
+    parser.add_argument("--to", metavar="FORMAT", dest="format", required=True, choices=FORMATS, help=words)
     words = "file to write (default: beside the run's table, with the suffix of the format)"
     parser.add_argument("--out", metavar="FILE", type=Path, help=words)
     parser.add_argument("--force", action="store_true", help="replace FILE")

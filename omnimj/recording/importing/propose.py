@@ -370,6 +370,8 @@ def _with_signs(
         speed = chosen.get(f"wheel_speed_{number}")
         if not target.startswith("current_") or speed is None or not number.isdigit():
             continue
+        if tables[0].columns[rule.source].kind:  # messages define the sign
+            continue
         having = [t.columns for t in tables if {rule.source, speed.source} <= set(t.columns)]
         values = [np.nan_to_num(c[rule.source].values) for c in having]
         if is_magnitude(values, [np.nan_to_num(c[speed.source].values) for c in having]):
