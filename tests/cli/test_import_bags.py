@@ -7,7 +7,20 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from recording.made_bags import COUNT, JOINTS, RATE, WRITERS, drive, write_bag, write_mcap
+from recording.made_bags import (
+    COUNT,
+    JOINTS,
+    RATE,
+    START,
+    STORE,
+    WRITERS,
+    drive,
+    header,
+    number,
+    write_bag,
+    write_mcap,
+)
+from servo_logs import SERVO, write_servo_logs
 
 from omnimj.cli.main import main
 from omnimj.recording.importing.mapping import read_mapping
@@ -103,3 +116,37 @@ def test_efforts_that_happen_to_be_positive_keep_their_sign(tmp_path):
     log, mapping = write_mcap(tmp_path / "a.mcap", drive(count=60)), tmp_path / "m.toml"
     assert main(["import", str(log), "--plant", "uto_robot", "--mapping", str(mapping)]) == 0
     assert "sign_of =" not in mapping.read_text().partition("[columns]")[2]
+
+
+def write_servo_bags(folder, data) -> list[str]:
+    """Bags of the runs of a servo: joint states, and the voltage without header."""
+    kind, none = STORE.types["sensor_msgs/msg/JointState"], np.empty(0)
+    files = []
+    for run in read_dataset(data).runs:
+        made = []
+        for t, place, voltage in zip(*(run.columns[n] for n in ("time", *SERVO_COLUMNS)), strict=True):
+            at = START + round(t * 1e9)
+            joints = kind(header(at), ["shaft"], np.array([place]), none, none)
+            made.append(("/joint_states", "sensor_msgs/msg/JointState", at + 200_000, joints))
+            made.append(("/motor/voltage", "std_msgs/msg/Float64", at + 100_000, number(float(voltage))))
+        files.append(str(write_bag(folder / run.name, made)))
+    return files
+
+
+SERVO_COLUMNS = ("position:shaft", "control:motor")
+
+
+@pytest.mark.slow
+def test_bags_of_a_servo_lead_to_the_effect_that_they_were_made_with(tmp_path, capsys):
+    write_servo_logs(tmp_path / "data", load_share=0.12)
+    files, mapping = write_servo_bags(tmp_path, tmp_path / "data"), tmp_path / "servo.toml"
+    assert main(["import", *files, "--plant", "mjcf", "--mapping", str(mapping)]) == 0
+    command = '"control:motor" = { from = "/motor/voltage.data" }\n'
+    mapping.write_text(mapping.read_text().replace("# not used:\n", f"{command}# not used:\n"))
+    made = tmp_path / "set"
+    assert main(["import", *files, "--mapping", str(mapping), "--out", str(made)]) == 0
+    assert main(["gap", str(made), "--model", str(SERVO), "--out", str(tmp_path / "out")]) == 0
+    found = json.loads((tmp_path / "out" / "gap.json").read_text())
+    assert [one["effect"] for one in found["effects"]] == ["load_friction"]
+    share = found["effects"][0]["parameters"]["share"]
+    assert share["low"] < 0.12 < share["high"]

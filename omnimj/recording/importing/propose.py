@@ -24,6 +24,7 @@ _WHEEL = re.compile(r"wheel|motor|drive|whl", re.IGNORECASE)
 _JOINT_COLUMNS = {JOINT_VELOCITY: "wheel_speed", JOINT_EFFORT: "current"}  # of a robot
 _PART_COLUMNS = {JOINT_POSITION: "position", JOINT_VELOCITY: "velocity", JOINT_EFFORT: "force"}  # of an MJCF
 _ODOMETRY = "nav_msgs/Odometry"
+_MOST_OTHERS = 40
 _PER_WHEEL = ("current", "current_target", "wheel_speed", "counter")
 _PATTERNS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     # kind, names, SI units that the column may have
@@ -137,12 +138,11 @@ def _exact(columns: Mapping[str, SourceColumn], plant: str) -> dict[str, ColumnS
 def _with_topics(tables: Sequence[SourceTable], mapping: LogMapping, hints: list[str]) -> LogMapping:
     """Add how the topics are joined; rows that a topic does not cover are left out."""
     columns = tables[0].columns
-    gaps = any(
-        np.isnan(table.columns[rule.source].values).any()
-        for table in tables
-        for rule in mapping.columns.values()
-        if rule.source in table.columns
-    )
+    gaps = any(np.isnan(column.values).any() for table in tables for column in table.columns.values())
+    used = {rule.source for rule in mapping.columns.values()}
+    others = [name for name in columns if name not in used][:_MOST_OTHERS]
+    if others:
+        hints += ["# not used:", *(f"#   {name}" for name in others)]
     pose = mapping.columns.get("x")
     if pose is not None and columns[pose.source].words == _ODOMETRY:
         defaults = {key: value for key, value in mapping.defaults.items() if key != POSE_MEASURED}
@@ -280,12 +280,14 @@ def _kept(found: Mapping[str, list[str]], taken: set[str], known: set[str]) -> d
 def _any_machine(columns: Mapping[str, SourceColumn], remarks: dict[str, str]) -> dict[str, ColumnSource]:
     """Columns of one joint and its actuator; everything else is a sensor of its name."""
     chosen: dict[str, ColumnSource] = _exact(columns, MJCF)
-    if any(column.part for column in columns.values()):
-        return chosen | {
-            f"{_PART_COLUMNS[column.kind]}:{column.part}": ColumnSource(name)
-            for name, column in columns.items()
-            if column.part
-        }
+    joints = {name: column for name, column in columns.items() if column.part}
+    for name, column in joints.items():
+        target = f"{_PART_COLUMNS[column.kind]}:{column.part}"
+        chosen.setdefault(target, ColumnSource(name))
+        part = "an actuator" if column.kind == JOINT_EFFORT else "a joint"
+        remarks[target] = f"the name after the colon is {part} of your MJCF file"
+    if joints:
+        return chosen
     for name in columns if len(chosen) < 2 else ():
         plain = name.lower()
         if re.search(_PATTERNS[0][1], plain):
