@@ -5,6 +5,7 @@ ROS 2 itself is not needed: `stubs` has the parts of its headers that the exampl
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import subprocess
@@ -30,6 +31,8 @@ PACKAGE = Path(omnimj.__file__).parent / "docs" / "ros2_control"
 FIRMWARE = Path(omnimj.link.__file__).parent / "firmware"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or ""
 STRICT = ("-std=c++17", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O0")
+BUSY = re.compile(r"older than 20 ms|acknowledged for 40 ms|fault (1|19)\b")
+"""Ends of a drive that a scheduler may cause: late telemetry, late acknowledgement, old or stale commands."""
 EFFORT = 0.2  # [Nm], 0.4 A by the torque constant of the driver
 
 pytestmark = pytest.mark.skipif(not COMPILER, reason="no C++ compiler here")
@@ -124,29 +127,43 @@ def telemetry_of(address: str):
     raise AssertionError("the device remains armed")
 
 
+@contextlib.contextmanager
+def undisturbed(program, calibration, key: Path | None = None, *more: str):
+    """A device after a drive, and its last states; a drive that a busy machine has ended is repeated."""
+    secret = None if key is None else read_key(key)
+    for _ in range(6):
+        with served(warm(planar()), "udp", lock_step=False, key=secret) as address:
+            code, states, complaint = driven(program, address, calibration, key or "", 200, *more)
+            if code == 5 and BUSY.search(complaint):
+                continue
+            assert (code, complaint) == (0, "")
+            yield address, states
+            return
+    raise AssertionError("the machine is too busy for real time")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", ["deactivated", "killed"])
-def test_the_wheels_turn_while_active_and_the_device_stops_afterwards(program, calibration, ending):
-    """By a STOP when the hardware is deactivated, by the age of the last command when its program dies."""
-    killed = ending == "killed"
-    with served(warm(planar()), "udp", lock_step=False) as address:
-        more = ("kill",) if killed else ()
-        code, states, complaint = driven(program, address, calibration, "", 200, *more)
-        assert (code, complaint) == (0, "")
+def test_the_wheels_turn_while_active_and_a_stop_ends_it(program, calibration):
+    with undisturbed(program, calibration) as (address, states):
         for k in (1, 2, 3, 4):
             assert states[f"wheel_{k}/velocity"] > 0.5 and states[f"wheel_{k}/position"] > 0.05
             assert states[f"wheel_{k}/effort"] == pytest.approx(EFFORT, rel=0.2)
         seen = telemetry_of(address)
         assert not seen.status & (Status.ARMED | Status.CURRENT_FLOWS)
-        if killed:
-            assert seen.fault is FaultCode.COMMAND_TOO_OLD
-        else:
-            assert seen.status & Status.STOPPED and seen.fault is FaultCode.NONE
-        if not killed:  # a latched stop is reset by the next activation
-            assert driven(program, address, calibration)[0] == 0
-        else:  # a latched fault is not
-            code, _, complaint = driven(program, address, calibration)
-            assert code == 4 and "look for its cause" in complaint
+        assert seen.status & Status.STOPPED and seen.fault is FaultCode.NONE
+        # the next activation resets the stop
+        ends = (driven(program, address, calibration, "", 0) for _ in range(6))
+        assert any(code == 0 for code, _, complaint in ends if code == 0 or BUSY.search(complaint))
+
+
+@pytest.mark.slow
+def test_a_program_that_dies_leaves_a_latched_fault_that_no_activation_resets(program, calibration):
+    with undisturbed(program, calibration, None, "kill") as (address, _):
+        seen = telemetry_of(address)
+        assert not seen.status & (Status.ARMED | Status.CURRENT_FLOWS)
+        assert seen.fault is FaultCode.COMMAND_TOO_OLD
+        code, _, complaint = driven(program, address, calibration)
+        assert code == 4 and "look for its cause" in complaint
 
 
 @pytest.mark.slow
@@ -161,11 +178,10 @@ def test_a_device_of_another_calibration_is_not_driven(program, calibration):
 @pytest.mark.slow
 def test_with_a_key_every_frame_has_a_tag_and_without_it_the_device_is_silent(program, calibration, tmp_path):
     make_key_file(tmp_path / "key")
-    with served(warm(planar()), "udp", lock_step=False, key=read_key(tmp_path / "key")) as address:
+    with undisturbed(program, calibration, tmp_path / "key") as (address, states):
+        assert states["wheel_3/velocity"] > 0.5
         code, _, complaint = driven(program, address, calibration)
-        assert code == 3 and "the device does not answer" in complaint
-        code, states, complaint = driven(program, address, calibration, tmp_path / "key")
-    assert (code, complaint) == (0, "") and states["wheel_3/velocity"] > 0.5
+    assert code == 3 and "the device does not answer" in complaint
 
 
 @pytest.mark.slow
