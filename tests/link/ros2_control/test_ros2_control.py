@@ -61,7 +61,7 @@ def calibration(tmp_path):
     return path
 
 
-def driven(program, address: str, calibration: Path, key="", cycles=200, *more: str):
+def driven(program, address: str, calibration: Path, key: Path | str = "", cycles=200, *more: str):
     """Exit code, states by name, and complaint of a drive."""
     port = address.rpartition(":")[2]
     argv = [str(program), port, str(calibration), str(key), str(EFFORT), str(cycles), *more]

@@ -21,10 +21,10 @@ from omnimj.recording.exporting.units import column_unit, matlab_names, ros_name
 from omnimj.recording.importing.tables import SourceTable, read_source
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.traces import write_trace
-from omnimj.signals import Trace, robot_channels
+from omnimj.signals import Array, Trace, robot_channels
 
 ROWS = 400
-TIME = 0.001 * np.arange(ROWS)
+TIME: Array = (0.001 * np.arange(ROWS)).astype(float)
 WRITERS = {"csv": write_csv, "mat": write_mat, "mcap": write_mcap}
 NAMES = (
     *robot_channels(4),
@@ -37,7 +37,9 @@ NAMES = (
 def robot_run(names: tuple[str, ...] = NAMES, seed: int = 0) -> ExportedRun:
     """A run with values of all magnitudes in columns of a robot."""
     rng = np.random.default_rng(seed)
-    columns = {name: rng.normal(size=ROWS) * 10.0 ** rng.integers(-12, 9) for name in names}
+    columns: dict[str, Array] = {
+        name: rng.normal(size=ROWS) * 10.0 ** float(rng.integers(-12, 9)) for name in names
+    }
     columns |= {name: rng.uniform(0.0, 2.0 * np.pi, ROWS) for name in ("yaw", "heading") if name in names}
     return ExportedRun(Path("run"), {"time": TIME, **columns}, {"scenario": "made", "seed": seed})
 

@@ -53,7 +53,7 @@ _NO_SIGNALS = (
 _BASES = ("omnimj_msgs/Trace", JOINT_STATES)
 """Types that make the time base where there are any."""
 _ORDER = (*_BASES, "sensor_msgs/Imu", "geometry_msgs/PoseStamped", "nav_msgs/Odometry")
-_LONGEST_DEFINITION = 2**20
+_LONGEST_DEFINITION = 2**17
 _NANO = 1e-9
 _HELD = re.compile(r"set_?point|target|cmd|command|desired|goal")
 
