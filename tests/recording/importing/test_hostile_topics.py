@@ -172,31 +172,22 @@ def test_cut_flipped_and_random_files_are_read_or_refused_in_one_line(tmp_path_f
         assert len({len(column.values) for column in table.columns.values()}) == 1
 
 
-def sections(content: bytes) -> list[tuple[int, int, int]]:
-    """Opcode, begin and end of the bodies of all records."""
-    found, at = [], len(MAGIC)
-    while at < len(content) - len(MAGIC):
-        opcode, length = struct.unpack_from("<BQ", content, at)
-        found.append((opcode, at + 9, at + 9 + length))
-        at += 9 + length
-    return found
-
-
-@given(st.data())
-def test_a_flipped_bit_anywhere_in_an_mcap_file_is_seen_or_changes_no_value(tmp_path_factory, whole, data):
+@given(place=st.integers(0, 2**32), bit=st.integers(0, 7))
+def test_a_flipped_bit_anywhere_in_an_mcap_file_is_seen_or_changes_no_value(
+    tmp_path_factory, whole, place, bit
+):
+    """Chunks have checksums, and the statistics count the messages of chunks that are no longer seen."""
     suffix, content = whole["MCAP, zstd"]
-    folder = tmp_path_factory.mktemp("flipped")
+    folder, at = tmp_path_factory.mktemp("flipped"), place % len(content)
     (folder / f"sound{suffix}").write_bytes(content)
     sound = read_source(folder / f"sound{suffix}").columns
-    at, bit = data.draw(st.integers(0, len(content) - 1)), data.draw(st.integers(0, 7))
-    in_chunk = any(op == 6 and begin + 44 <= at < end for op, begin, end in sections(content))
     path = folder / f"a{suffix}"
     path.write_bytes(content[:at] + bytes([content[at] ^ 1 << bit]) + content[at + 1 :])
     try:
         found = read_source(path).columns
     except InputError:
         return
-    assert not in_chunk and set(found) == set(sound)
+    assert set(found) == set(sound)
     for name, column in found.items():
         assert column.values.tobytes() == sound[name].values.tobytes()
 

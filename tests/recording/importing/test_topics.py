@@ -20,6 +20,7 @@ from recording.made_bags import (
     drive,
     joint_state,
     number,
+    odometry,
     write_bag,
     write_json_mcap,
     write_mcap,
@@ -93,6 +94,17 @@ def test_messages_out_of_order_are_sorted_by_their_stamps(tmp_path):
     )
     for name, column in ordered.columns.items():
         assert np.array_equal(column.values, found.columns[name].values, equal_nan=True), name
+
+
+def test_headings_of_messages_out_of_order_are_unwrapped_in_the_order_of_time(tmp_path):
+    made = [
+        ("/pose", "nav_msgs/msg/Odometry", START + k * 10**8, odometry(START + k * 10**8, 5.0 * k))
+        for k in range(60)
+    ]
+    shuffled = [made[k] for k in np.random.default_rng(1).permutation(60)]
+    table = read_source(write_mcap(tmp_path / "a.mcap", shuffled))
+    yaw = table.columns["/pose.pose.pose.orientation.yaw"].values
+    assert yaw == pytest.approx(1.5 * np.arange(60))
 
 
 def test_a_chosen_base_and_the_previous_value_are_applied(tmp_path):

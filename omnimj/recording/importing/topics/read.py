@@ -33,7 +33,6 @@ from omnimj.recording.importing.topics.quantities import (
 )
 from omnimj.recording.importing.topics.series import Budget, Samples, Series
 from omnimj.recording.run_table import printable
-from omnimj.signals import Array
 
 RENAMED = "column."
 """Beginning of the keys in a channel's metadata that give a field the name of its column: `column.x = x`."""
@@ -67,6 +66,18 @@ class _Topic:
     """Paths of whole numbers and switches."""
 
 
+@dataclass(frozen=True)
+class _Content:
+    """What a file holds."""
+
+    path: Path
+    kind: str
+    topics: Mapping[str, _Topic]
+    """Topics with numbers."""
+    left_out: Mapping[str, str]
+    """Other topics, with the reason."""
+
+
 def read_topics(
     path: Path,
     choice: TopicChoice | None = None,
@@ -92,8 +103,8 @@ def read_topics(
     if not found:
         reasons = ", ".join(f"{name} ({why})" for name, why in collector.left_out.items())
         raise InputError(path, "has no topic with numbers", f"left out: {reasons}" if reasons else "")
-    base = _base(path, found, choice.base)
-    return _joined(path, kind, found, base, choice, collector.left_out)
+    content = _Content(path, kind, found, collector.left_out)
+    return _joined(content, _base(path, found, choice.base), choice)
 
 
 class _Collector:
@@ -195,52 +206,41 @@ def _base(path: Path, found: Mapping[str, _Topic], wanted: str | None) -> str:
     return max(first or found, key=lambda name: found[name].series.count)
 
 
-def _joined(
-    path: Path,
-    kind: str,
-    found: Mapping[str, _Topic],
-    base: str,
-    choice: TopicChoice,
-    left_out: Mapping[str, str],
-) -> SourceTable:
-    samples = {name: [one for one in topic.series.samples() if one.names] for name, topic in found.items()}
-    clocks = choose_clocks(path, samples, base, choice.stamps)
+def _joined(content: _Content, base: str, choice: TopicChoice) -> SourceTable:
+    samples = {
+        name: [one for one in topic.series.samples() if one.names] for name, topic in content.topics.items()
+    }
+    clocks = choose_clocks(content.path, samples, base, choice.stamps)
     times = _all_times(samples[base], clocks[base].use)
     if len(times) < 2:
-        raise InputError(f"{path}: topic {base}", f"has {len(times)} message", "at least 2 make a time base")
+        found = f"has {len(times)} message"
+        raise InputError(f"{content.path}: topic {base}", found, "at least 2 make a time base")
     zero = 0 if abs(int(times[0])) * _NANO < KEPT_TIME else int(times[0])
     columns = {"time": SourceColumn("time", (times - zero).astype(float) * _NANO, "s", kind="time")}
-    others, scalars = dict(left_out), {}
+    others, scalars = dict(content.left_out), {"start": f"{zero} ns"} if zero else {}
     summaries = []
-    for name, topic in found.items():
-        clock = clocks[name]
-        tracks = _tracks(samples[name], clock.use) if clock.use else {}
-        held = choice.join == "previous" or bool(_HELD.search(name))
-        size = max((len(track.times) for track in tracks.values()), default=0)
-        if size >= 2:
-            require_size(path, len(times), len(columns) + len(tracks))
-            for path_, track in tracks.items():
-                rule = "previous" if held or path_ in topic.whole else "linear"
-                column = _column(name, topic, path_, values_at(track, times, rule))
-                columns[column.name] = column
-        elif tracks:
-            scalars |= {f"{name}.{field}": f"{track.values[0]:g}" for field, track in tracks.items()}
-        else:
-            others[name] = clock.why
-        summaries.append(_summary(name, topic, samples[name], clock, base, held, size))
-    if zero:
-        scalars["start"] = f"{zero} ns"
-    used = TopicChoice(base, choice.join, clocks[base].use)
-    layout = f"{kind}, {len(times)} rows at the {clocks[base].use} stamps of {base}"
+    for name, topic in content.topics.items():
+        use, rule = clocks[name].use, "previous" if _HELD.search(name) else choice.join
+        tracks = _tracks(samples[name], use) if use else {}
+        many = {path: track for path, track in tracks.items() if len(track.times) > 1}
+        require_size(content.path, len(times), len(columns) + len(many))
+        made = [_column(name, topic, path, track, (times, rule)) for path, track in many.items()]
+        columns |= {column.name: column for column in made}
+        scalars |= {f"{name}.{k}": f"{one.values[0]:g}" for k, one in tracks.items() if k not in many}
+        if not use:
+            others[name] = clocks[name].why
+        joined = "the rows" if name == base else {"previous": "previous value"}.get(rule, rule)
+        joined = joined if many else "a single value" if use else "left out"
+        summaries.append(_summary(name, topic, samples[name], clocks[name], joined))
     return SourceTable(
-        path,
+        content.path,
         columns,
-        layout,
+        f"{content.kind}, {len(times)} rows at the {clocks[base].use} stamps of {base}",
         others,
         scalars,
         row_of=lambda sample: f"row {sample + 1} at {(int(times[sample]) - zero) * _NANO:.9g} s",
         topics=tuple(summaries),
-        choice=used,
+        choice=TopicChoice(base, choice.join, clocks[base].use),
     )
 
 
@@ -257,13 +257,16 @@ def _tracks(samples: Iterable[Samples], use: str) -> dict[str, Track]:
     found: dict[str, list[Track]] = {}
     for one in samples:
         times, rows = make_times(one, use)
-        values = {name: one.values[:, k] for k, name in enumerate(one.names)}
+        values = {name: one.values[:, k][rows] for k, name in enumerate(one.names)}
         for name, column in with_yaw(values).items():
-            found.setdefault(name, []).append(Track(times, column[rows]))
+            found.setdefault(name, []).append(Track(times, column))
     return {name: merged(tracks) for name, tracks in found.items()}
 
 
-def _column(topic: str, about: _Topic, path: str, values: Array) -> SourceColumn:
+def _column(topic: str, about: _Topic, path: str, track: Track, at: tuple[Times, str]) -> SourceColumn:
+    """One field as a column; `at` has the times of the rows and the rule between messages."""
+    times, rule = at
+    values = values_at(track, times, "previous" if path in about.whole else rule)
     meta = about.channel.metadata
     renamed = {key.removeprefix(RENAMED): name for key, name in meta.items() if key.startswith(RENAMED)}
     what = quantity(about.channel.type_name, path, about.units, renamed)
@@ -272,14 +275,8 @@ def _column(topic: str, about: _Topic, path: str, values: Array) -> SourceColumn
     return SourceColumn(f"{topic}.{path}", values, what.unit, about.channel.type_name, kind, part)
 
 
-def _summary(
-    name: str, topic: _Topic, samples: list[Samples], clock: Clock, base: str, held: bool, size: int
-) -> TopicSummary:
-    times = _all_times(samples, clock.use or "log")
-    steps = np.diff(times)
+def _summary(name: str, topic: _Topic, samples: list[Samples], clock: Clock, joined: str) -> TopicSummary:
+    steps = np.diff(_all_times(samples, clock.use or "log"))
     rate = 1.0 / (float(np.median(steps)) * _NANO) if len(steps) else 0.0
     stamps = f"{clock.use or '–'}{f': {clock.why}' if clock.why else ''}"
-    joined = "the rows" if name == base else "previous value" if held else "linear"
-    if not clock.use or size < 2:
-        joined = "left out" if not clock.use else "a single value"
     return TopicSummary(name, topic.channel.type_name, topic.series.count, rate, stamps, joined)
