@@ -24,8 +24,9 @@ Refused = Callable[..., str]
         (["--nope"], "required: COMMAND"),
         (
             ["fly"],
-            "unknown command 'fly'; choices: bench, calibrate, completion, device, diagnose, evaluate, export, "
-            "gap, identify, import, link, record, run, scenarios, sensitivity, teleop, tune, validate",
+            "unknown command 'fly'; choices: bench, calibrate, completion, device, diagnose, evaluate, "
+            "export, gap, identify, import, link, record, run, scenarios, sensitivity, teleop, tune, "
+            "validate",
         ),
         (["run"], "required: scenario"),
         (["run", "nylon_patch", "extra"], "omnimj run: found 'extra', one argument too many"),

@@ -17,6 +17,7 @@ from recording.made_bags import (
     drive,
     header,
     number,
+    pose_stamped,
     write_bag,
     write_mcap,
 )
@@ -77,6 +78,15 @@ def test_a_set_pose_is_no_measured_one(tmp_path, capsys):
     assert main(["import", str(write_mcap(tmp_path / "a.mcap", made)), "--json"]) == 0
     becomes = {one["name"]: one["becomes"] for one in json.loads(capsys.readouterr().out)["columns"]}
     assert becomes["/target_pose.pose.pose.position.x"] == "" and becomes["time"] == "time"
+
+
+def test_a_pose_of_motion_capture_is_proposed_as_measured(tmp_path):
+    made = [one for one in drive() if one[0] == "/joint_states"]
+    pose = "geometry_msgs/msg/PoseStamped"
+    made += [("/mocap", pose, at, pose_stamped(at - 400_000, 1.0, 2.0, 0.3)) for _, _, at, _ in made]
+    mapping = tmp_path / "m.toml"
+    assert main(["import", str(write_mcap(tmp_path / "a.mcap", made)), "--mapping", str(mapping)]) == 0
+    assert read_mapping(mapping).defaults["pose_measured"] is True
 
 
 def test_topics_that_are_chosen_are_read_and_no_others(tmp_path, capsys):

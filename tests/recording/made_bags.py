@@ -69,6 +69,27 @@ def odometry(stamp: int, t: float) -> Any:
     )
 
 
+def pose_stamped(stamp: int, x: float, y: float, yaw: float) -> Any:
+    types = STORE.types
+    place = types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0)
+    pose = types["geometry_msgs/msg/Pose"](position=place, orientation=turned(yaw))
+    return types["geometry_msgs/msg/PoseStamped"](header(stamp), pose)
+
+
+def twist_stamped(stamp: int, ahead: float, yaw_rate: float) -> Any:
+    types = STORE.types
+    twist = types["geometry_msgs/msg/Twist"](
+        linear=vector(ahead, 0.0, 0.0), angular=vector(0.0, 0.0, yaw_rate)
+    )
+    return types["geometry_msgs/msg/TwistStamped"](header(stamp), twist)
+
+
+def numbers(values: Iterable[float]) -> Any:
+    types = STORE.types
+    layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    return types["std_msgs/msg/Float64MultiArray"](layout, np.array(list(values)))
+
+
 def number(value: float, kind: str = "Float64") -> Any:
     return STORE.types[f"std_msgs/msg/{kind}"](data=value)
 
@@ -135,15 +156,15 @@ def write_ros2_mcap(path: Path, kind: str, definition: str, messages: Iterable[t
 
 
 def write_json_mcap(
-    path: Path, rows: Iterable[tuple[int, Any]], schema: Any = None, topic: str = "/robot"
+    path: Path, rows: Iterable[tuple[int, Any]], schema: Any = None, kind: str = "robot.State"
 ) -> Path:
-    """An MCAP file with JSON messages."""
+    """An MCAP file with JSON messages of one topic `/robot`."""
     with path.open("wb") as file:
         writer = McapWriter(file)
         writer.start()
         text = json.dumps(schema or {"type": "object"}).encode()
-        number = writer.register_schema("robot.State", "jsonschema", text)
-        channel = writer.register_channel(topic, "json", number)
+        number = writer.register_schema(kind, "jsonschema", text)
+        channel = writer.register_channel("/robot", "json", number)
         for logged, content in rows:
             payload = content if isinstance(content, bytes) else json.dumps(content).encode()
             writer.add_message(channel, logged, payload, logged)

@@ -20,7 +20,10 @@ from recording.made_bags import (
     drive,
     joint_state,
     number,
+    numbers,
     odometry,
+    pose_stamped,
+    twist_stamped,
     write_bag,
     write_json_mcap,
     write_mcap,
@@ -264,3 +267,36 @@ def test_numbers_without_header_are_rows_at_their_log_times(tmp_path):
     table = read_source(write_mcap(tmp_path / "a.mcap", made))
     assert table.columns["time"].values == pytest.approx(0.01 * np.arange(80), abs=1e-12)
     assert table.columns["/current.data"].values.tolist() == [k / 2 for k in range(80)]
+
+
+def test_poses_twists_and_arrays_have_their_units_and_meaning(tmp_path):
+    made = []
+    for k in range(60):
+        at, t = START + k * 20_000_000, 0.02 * k
+        made.append(("/mocap", "geometry_msgs/msg/PoseStamped", at, pose_stamped(at, t, -t, 0.5 * t)))
+        made.append(("/twist", "geometry_msgs/msg/TwistStamped", at, twist_stamped(at, 2.0 * t, -t)))
+        made.append(("/currents", "std_msgs/msg/Float64MultiArray", at, numbers((t, 2.0 * t, 3.0 * t))))
+    columns = read_source(write_bag(tmp_path / "bag", made)).columns
+    time = columns["time"].values
+    assert columns["/mocap.pose.orientation.yaw"].values == pytest.approx(0.5 * time, abs=1e-9)
+    assert columns["/twist.twist.linear.x"].values == pytest.approx(2.0 * time, abs=1e-9)
+    assert columns["/currents.data[2]"].values == pytest.approx(3.0 * time, abs=1e-9)
+    units = {name: column.unit for name, column in columns.items()}
+    assert (units["/mocap.pose.position.x"], units["/twist.twist.linear.x"]) == ("m", "m/s")
+    assert (units["/twist.twist.angular.z"], units["/mocap.pose.orientation.yaw"]) == ("rad/s", "rad")
+    kinds = {column.kind: name for name, column in columns.items() if column.kind}
+    assert kinds["x"] == "/mocap.pose.position.x" and kinds["heading"] == "/mocap.pose.orientation.yaw"
+
+
+def test_joint_states_in_json_mean_what_they_mean_in_cdr(tmp_path):
+    rows = [
+        (START + k, {
+            "header": {"stamp": {"sec": 0, "nanosec": 10_000_000 * k}, "frame_id": "base"},
+            "name": ["wheel_1", "wheel_2"], "velocity": [1.0 * k, 2.0 * k], "effort": [],
+        })
+        for k in range(60)
+    ]  # fmt: skip
+    path = write_json_mcap(tmp_path / "a.mcap", rows, kind="sensor_msgs/msg/JointState")
+    column = read_source(path).columns["/robot.velocity[wheel_2]"]
+    assert (column.unit, column.part) == ("rad/s", "wheel_2")
+    assert column.values.tolist() == [2.0 * k for k in range(60)]

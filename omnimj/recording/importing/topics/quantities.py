@@ -29,7 +29,7 @@ _FIELD_UNITS = (
     (r"\.yaw$", "rad"),
 )
 """Units of the parts of poses, transforms, twists and wrenches."""
-_GEOMETRY = re.compile(r"^(geometry_msgs|nav_msgs|tf2_msgs|sensor_msgs)/")
+_GEOMETRY = re.compile(r"^(geometry_msgs|nav_msgs|tf2_msgs|sensor_msgs|foxglove)[/.]")
 _KINDS: tuple[tuple[str, str, str], ...] = (
     # type, path, kind
     (JOINT_STATES, r"position\[", JOINT_POSITION),
