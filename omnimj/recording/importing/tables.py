@@ -72,6 +72,8 @@ class SourceHints:
     """Columns that are needed, so that other topics can be skipped; empty: all."""
     topics: Collection[str] = ()
     """Topics that are read; empty: all."""
+    progress: Callable[[float], None] = lambda share: None
+    """Called with the share of the file that is read, 0 … 1, where that takes long."""
 
 
 def read_source(path: Path, hints: SourceHints | None = None) -> SourceTable:
@@ -146,7 +148,7 @@ def _read_csv(path: Path, hints: SourceHints) -> SourceTable:
 def _read_topics(path: Path, hints: SourceHints) -> SourceTable:
     from omnimj.recording.importing.topics.read import read_topics
 
-    return read_topics(path, hints.choice, hints.columns, hints.topics)
+    return read_topics(path, hints)
 
 
 def _read_json(path: Path, _: SourceHints) -> SourceTable:

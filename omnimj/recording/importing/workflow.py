@@ -33,6 +33,7 @@ from omnimj.recording.write_dataset import DatasetWriter
 MAPPING_FILE = "mapping.toml"
 """Copy of the mapping in the folder of a dataset."""
 Progress = Callable[[int, int], None]
+_STEPS = 1000  # of progress in each file
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def plan_import(config: ImportConfig, progress: Progress | None = None) -> Impor
 
     Args:
       config: Files, mapping, plant and floor.
-      progress: Called with the files done and their number.
+      progress: Called with the steps done and their number.
 
     Raises:
       InputError: A file or the mapping is wrong; with a mapping also where it does not fit a file.
@@ -100,9 +101,9 @@ def plan_import(config: ImportConfig, progress: Progress | None = None) -> Impor
     hints = _hints(config, given)
     tables = []
     for k, file in enumerate(config.files):
-        tables.append(read_source(file, hints))
+        tables.append(read_source(file, replace(hints, progress=_shown(progress, k, len(config.files)))))
         if progress is not None:
-            progress(k + 1, len(config.files))
+            progress(_STEPS * (k + 1), _STEPS * len(config.files))
     names = run_names(config.files)
     proposal = _proposal(config, given, tables, names)
     runs, notes = _converted(tables, names, proposal, strict=given is not None)
@@ -120,6 +121,16 @@ def plan_import(config: ImportConfig, progress: Progress | None = None) -> Impor
         dict(tables[0].scalars),
         tables[0].topics,
     )
+
+
+def _shown(progress: Progress | None, done: int, files: int) -> Callable[[float], None]:
+    """Progress within a file, as that of all files."""
+
+    def show(share: float) -> None:
+        if progress is not None:
+            progress(round(_STEPS * (done + share)), _STEPS * files)
+
+    return show
 
 
 def _hints(config: ImportConfig, given: LogMapping | None) -> SourceHints:

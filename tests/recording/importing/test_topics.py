@@ -300,3 +300,10 @@ def test_joint_states_in_json_mean_what_they_mean_in_cdr(tmp_path):
     column = read_source(path).columns["/robot.velocity[wheel_2]"]
     assert (column.unit, column.part) == ("rad/s", "wheel_2")
     assert column.values.tolist() == [2.0 * k for k in range(60)]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_progress_grows_with_the_share_of_the_file_that_is_read(tmp_path, writer):
+    shown: list[float] = []
+    read_source(WRITERS[writer](tmp_path, drive()), SourceHints(progress=shown.append))
+    assert shown and shown == sorted(shown) and shown[0] >= 0.0 and shown[-1] <= 1.0

@@ -13,6 +13,7 @@ from omnimj.recording.importing.topics.messages import (
     Channel,
     OnMessage,
     OpenChannel,
+    Progress,
     not_whole,
     plain_type,
     require_module,
@@ -23,14 +24,16 @@ METADATA = "metadata.yaml"
 _LARGEST_METADATA = 16 * 2**20
 _STORAGES = ("sqlite3", "mcap")
 _COMPRESSED = ".zstd"
+_SHOWN = 5000  # messages between two steps of the progress
 
 
-def read_bag(path: Path, open_channel: OpenChannel) -> str:
+def read_bag(path: Path, open_channel: OpenChannel, progress: Progress) -> str:
     """Pass every message of a bag to the function that its channel was opened with.
 
     Args:
       path: Folder of a ROS 2 bag, its storage file `.db3`, or an MCAP file.
       open_channel: Called at the first sight of each channel.
+      progress: Called now and then.
 
     Returns:
       The kind of file in words.
@@ -40,21 +43,28 @@ def read_bag(path: Path, open_channel: OpenChannel) -> str:
     """
     if not path.is_dir():
         if path.suffix.lower() == ".mcap":
-            read_mcap(path, open_channel)
+            read_mcap(path, open_channel, progress)
             return "MCAP"
-        _read_sqlite(path, open_channel, "")
+        _read_sqlite(path, open_channel, "", progress)
         return "ROS 2 bag (sqlite3)"
     content = _metadata(path / METADATA)
     storage = str(content.get("storage_identifier", ""))
     if storage not in _STORAGES:
         raise InputError(path / METADATA, f"found storage {storage!r}", "it is not known", _STORAGES)
     mode = str(content.get("compression_mode") or "").lower()
-    for file in _storage_files(path, content):
+    files = _storage_files(path, content)
+    for k, file in enumerate(files):
+        within = _within(progress, k, len(files))
         if storage == "mcap":
-            read_mcap(file, open_channel)
+            read_mcap(file, open_channel, within)
         else:
-            _read_sqlite(file, open_channel, mode)
+            _read_sqlite(file, open_channel, mode, within)
     return f"ROS 2 bag ({storage})"
+
+
+def _within(progress: Progress, done: int, files: int) -> Progress:
+    """Progress within one of several files, as that of the bag."""
+    return lambda share: progress((done + share) / files)
 
 
 def _metadata(file: Path) -> Mapping[str, Any]:
@@ -91,15 +101,19 @@ def _storage_files(folder: Path, content: Mapping[str, Any]) -> list[Path]:
     return files
 
 
-def _read_sqlite(path: Path, open_channel: OpenChannel, mode: str) -> None:
+def _read_sqlite(path: Path, open_channel: OpenChannel, mode: str, progress: Progress) -> None:
     """Read a storage file; `mode` is the compression of its messages."""
     library = require_module(path, "rosbags.rosbag2", "rosbags")
     try:
         with library.Reader(path) as reader:
             receivers = {one.id: open_channel(_described(one)) for one in reader.connections if one.msgcount}
             wanted = [one for one in reader.connections if receivers.get(one.id) is not None]
-            for connection, logged, payload in reader.messages(connections=wanted) if wanted else ():
+            total = sum(one.msgcount for one in wanted)
+            messages: Any = reader.messages(connections=wanted) if wanted else ()
+            for k, (connection, logged, payload) in enumerate(messages):
                 _pass_on(path, receivers[connection.id], logged, payload, mode)
+                if k % _SHOWN == 0:
+                    progress(k / total)
     except (InputError, OSError):
         raise
     except Exception as error:  # damaged databases make the library raise errors of any kind

@@ -15,6 +15,7 @@ from omnimj.recording.importing.topics.messages import (
     Channel,
     OnMessage,
     OpenChannel,
+    Progress,
     not_whole,
     plain_type,
     require_module,
@@ -30,7 +31,7 @@ _LENGTH = struct.Struct("<Q")
 _RECOVER = "`mcap recover` saves what is whole"
 
 
-def read_mcap(path: Path, open_channel: OpenChannel) -> None:
+def read_mcap(path: Path, open_channel: OpenChannel, progress: Progress) -> None:
     """Pass every message of an MCAP file to the function that its channel was opened with.
 
     Chunks are checked against their checksum, and expanded to the size they claim and no further.
@@ -38,6 +39,7 @@ def read_mcap(path: Path, open_channel: OpenChannel) -> None:
     Args:
       path: MCAP file.
       open_channel: Called at the first message of each channel.
+      progress: Called after every chunk.
 
     Raises:
       InputError: The mcap library is missing, or the file is damaged or of another kind.
@@ -51,6 +53,8 @@ def read_mcap(path: Path, open_channel: OpenChannel) -> None:
         try:
             for opcode, body in _records(path, file, size - len(_MAGIC)):
                 reader.take(opcode, body)
+                if opcode == _CHUNK:
+                    progress(file.tell() / size)
             reader.require_all_messages()
         except InputError:
             raise

@@ -37,6 +37,9 @@ class Channel:
 OpenChannel = Callable[[Channel], OnMessage | None]
 """Function called at the first sight of a channel; None leaves its messages out."""
 
+Progress = Callable[[float], None]
+"""Function of the share of a file that is read."""
+
 
 def plain_type(name: str) -> str:
     """Name of a message type without `msg/`, as ROS 1 and people write it."""

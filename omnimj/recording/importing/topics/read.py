@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.recording.importing.tables import SourceColumn, SourceTable, require_size
+from omnimj.recording.importing.tables import SourceColumn, SourceHints, SourceTable, require_size
 from omnimj.recording.importing.topics.bag import read_bag
 from omnimj.recording.importing.topics.cdr import CdrNumbers, Definitions
 from omnimj.recording.importing.topics.choice import TopicChoice, TopicSummary
@@ -78,27 +78,20 @@ class _Content:
     """Other topics, with the reason."""
 
 
-def read_topics(
-    path: Path,
-    choice: TopicChoice | None = None,
-    columns: Collection[str] = (),
-    topics: Collection[str] = (),
-) -> SourceTable:
+def read_topics(path: Path, hints: SourceHints) -> SourceTable:
     """Read recorded messages as one table, a row at each stamp of one topic.
 
     Args:
       path: MCAP file, folder of a ROS 2 bag, or its storage file.
-      choice: Time base, stamps and rule between messages; found where None.
-      columns: Columns that are needed; topics without one are skipped. Empty: all.
-      topics: Topics that are read. Empty: all.
+      hints: Time base, stamps and rule between messages; columns and topics that are needed.
 
     Raises:
       InputError: A library is missing, the file is damaged, or no topic has numbers.
       UnknownNameError: The topic of the time base is not in the file.
     """
-    choice = choice or TopicChoice()
-    collector = _Collector(path, choice.base, columns, topics)
-    kind = read_bag(path, collector.open)
+    choice = hints.choice or TopicChoice()
+    collector = _Collector(path, choice.base, hints.columns, hints.topics)
+    kind = read_bag(path, collector.open, hints.progress)
     found = collector.with_numbers()
     if not found:
         reasons = ", ".join(f"{name} ({why})" for name, why in collector.left_out.items())
