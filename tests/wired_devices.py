@@ -73,8 +73,10 @@ class Terminal:
 
 
 @contextlib.contextmanager
-def served(plant: Plant, kind: str, lock_step: bool = True, **wrong: Any) -> Iterator[str]:
-    """A device in a thread of its own, wired wrongly if need be; its address."""
+def served(
+    plant: Plant, kind: str, lock_step: bool = True, key: Key | None = None, **wrong: Any
+) -> Iterator[str]:
+    """A device in a thread of its own, with a key or wired wrongly if need be; its address."""
     if kind == "serial":
         terminal = Terminal()
         listener: Any = SinglePeerListener(terminal)
@@ -86,8 +88,10 @@ def served(plant: Plant, kind: str, lock_step: bool = True, **wrong: Any) -> Ite
         listener = UdpListener(UdpAddress("127.0.0.1", port))
         address = f"udp:127.0.0.1:{port}"
     sessions = itertools.count(1)
-    device = EmulatedDevice(plant, WIRING, lambda: next(sessions), lock_step=lock_step, **wrong)
-    server = DeviceServer(device, listener)
+    device = EmulatedDevice(
+        plant, WIRING, lambda: next(sessions), lock_step=lock_step, keyed=key is not None, **wrong
+    )
+    server = DeviceServer(device, listener, key=key)
     goes_on = threading.Event()
     thread = threading.Thread(target=server.run, args=(lambda: not goes_on.is_set(),))
     thread.start()

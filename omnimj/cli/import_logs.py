@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import FAILED, Command, command_line
+from omnimj.cli.arguments import FAILED, Command, command_line, parse_names
 from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import format_json, format_table
 
@@ -20,7 +20,8 @@ _MOST = 12  # runs and notes that are printed; --json has all
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj import`."""
-    words = "logs of one kind: .csv .txt .tsv .dat .log, .json .jsonl, .mat, .parquet"
+    words = "logs of one kind: .csv .txt .tsv .dat .log, .json .jsonl, .mat, .parquet, .mcap, "
+    words += "folders of ROS 2 bags or their .db3"
     parser.add_argument("files", metavar="FILE", type=Path, nargs="+", help=words)
     words = "mapping to apply; where FILE does not exist, the proposed mapping is written to it"
     parser.add_argument("--mapping", metavar="FILE", type=Path, help=words)
@@ -30,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", metavar="P", dest="kind", help=words)
     words = "floor of all runs, in the proposed mapping"
     parser.add_argument("--floor", metavar="NAME", help=words)
+    words = "topics of recorded messages to read, with commas; without it, all that have numbers"
+    parser.add_argument("--topics", metavar="NAMES", type=parse_names, default=(), help=words)
     parser.add_argument(
         "--format", metavar="F", default="parquet", dest="table_format", help="parquet (default) or csv"
     )
@@ -61,7 +64,11 @@ def run(arguments: Any) -> int:
         check_folder(arguments.out, arguments.force)
     has_mapping = arguments.mapping is not None and os.path.lexists(arguments.mapping)
     config = ImportConfig(
-        tuple(arguments.files), arguments.mapping if has_mapping else None, arguments.kind, arguments.floor
+        tuple(arguments.files),
+        arguments.mapping if has_mapping else None,
+        arguments.kind,
+        arguments.floor,
+        arguments.topics,
     )
     with progress_bar(arguments) as bar:
         plan = plan_import(config, bar.show)
@@ -107,6 +114,7 @@ def _content(plan: ImportPlan, arguments: Any, written: list[str], done: str) ->
     return to_jsonable(
         {
             "layouts": plan.layouts,
+            "topics": [dataclasses.asdict(one) for one in plan.topics],
             "plant": mapping.plant,
             "missing": plan.proposal.missing,
             "unclear": plan.proposal.unclear,
@@ -123,7 +131,10 @@ def _content(plan: ImportPlan, arguments: Any, written: list[str], done: str) ->
 
 
 def _format(plan: ImportPlan, written: list[str], done: str, has_mapping: bool) -> str:
-    parts = ["\n".join(plan.layouts), _format_columns(plan)]
+    parts = ["\n".join(plan.layouts)]
+    if plan.topics:
+        parts.append(_format_topics(plan))
+    parts.append(_format_columns(plan))
     if plan.left_out:
         parts[-1] += f"\nleft out: {', '.join(plan.left_out)}"
     if plan.scalars:
@@ -145,6 +156,20 @@ def _shortened(notes: list[str]) -> list[str]:
     """Notes on the whole first, then those on single runs."""
     ordered = sorted(notes, key=lambda note: note.startswith("run "))
     return ordered[:_MOST]
+
+
+def _format_topics(plan: ImportPlan) -> str:
+    from omnimj.recording.importing.topics.join import LONGEST_GAP
+
+    rows = [
+        (one.name, one.type_name or "–", str(one.messages), f"{one.rate:.4g} 1/s", one.stamps, one.joined)
+        for one in plan.topics
+    ]
+    table = format_table(("topic", "type", "messages", "rate", "stamps", "joined"), rows)
+    words = (
+        f"linear: between two messages at most {LONGEST_GAP:g} usual steps apart, else empty; whole numbers"
+    )
+    return f"{table}\n{words} and set values hold the last one"
 
 
 def _format_columns(plan: ImportPlan) -> str:
@@ -185,14 +210,17 @@ def _format_plants(plan: ImportPlan) -> str:
 
 IMPORT = Command(
     "import",
-    "import logs of other programs as a dataset: CSV of any dialect, JSON, MATLAB",
+    "import logs of other programs as a dataset: CSV of any dialect, JSON, MATLAB, MCAP, ROS 2 bags",
     """Without --out it prints how the logs were understood, and writes a mapping file to edit beside the
 first log, or to --mapping FILE. With a complete mapping and --out it writes the dataset.
 
 examples:
   omnimj import logs/run_01.csv --mapping my_mapping.toml
   omnimj import logs/run_01.csv logs/run_02.csv --mapping my_mapping.toml --out data/robot
-  omnimj import servo.json --plant mjcf --out data/servo""",
+  omnimj import servo.json --plant mjcf --out data/servo
+  omnimj import rosbag2_drive --topics /joint_states,/imu --mapping drive.toml
+
+MCAP and ROS 2 bags need the libraries of the extra omnimj[import].""",
     add_arguments,
     run,
 )

@@ -18,6 +18,7 @@ from omnimj.cli.compare import COMPARE
 from omnimj.cli.completion import COMPLETION
 from omnimj.cli.device import DEVICE
 from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
+from omnimj.cli.export import EXPORT
 from omnimj.cli.gap import GAP
 from omnimj.cli.identify import IDENTIFY, VALIDATE
 from omnimj.cli.import_logs import IMPORT
@@ -62,7 +63,7 @@ _REFUSED_BY_SYSTEM = (
 """Full disk, quota, size limit, failing disk, missing right."""
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, COMPARE, TELEOP),
-    "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
+    "Bring model and measurement together": (RECORD, IMPORT, EXPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Robot on a wire": (LINK, DEVICE),
     "This machine": (BENCH, COMPLETION, REPORT_BUG),

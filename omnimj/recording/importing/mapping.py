@@ -13,6 +13,7 @@ from omnimj.parameters.reading import Rule, check_number, check_table, check_tex
 from omnimj.recording.dataset import PLANT_COLUMNS
 from omnimj.recording.dataset_file import CONDITION_KEYS, POSE_MEASURED
 from omnimj.recording.importing.dialect import DECIMALS, SEPARATORS, Dialect
+from omnimj.recording.importing.topics.choice import JOINS, STAMPS, TopicChoice
 from omnimj.recording.importing.units import find_unit, known_units
 from omnimj.recording.run_table import printable
 
@@ -20,7 +21,7 @@ PLANTS = tuple(PLANT_COLUMNS)
 EMPTY_RULES = ("refuse", "drop", "hold")
 """Treatments of rows in which a mapped column is empty."""
 
-_TOP = ("plant", "empty", "defaults", "csv", "columns", "pose", "stale", "runs")
+_TOP = ("plant", "empty", "defaults", "csv", "topics", "columns", "pose", "stale", "runs")
 _FINITE = Rule(-math.inf, math.inf, False)
 _POSITIVE = Rule(0.0, math.inf, True)
 _BITS = Rule(2, 64, False)
@@ -75,6 +76,16 @@ class LogMapping:
     rotation: float = 0.0
     """Angle by which the measured pose is turned about its origin, counter-clockwise [rad]."""
     empty: str = EMPTY_RULES[0]
+    topics: TopicChoice | None = None
+    """How the topics of recorded messages are joined."""
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Columns of the log that are needed."""
+        rules = self.columns.values()
+        stale = (*self.stale.unchanged, *self.stale.moving) if self.stale else ()
+        named = [name for rule in rules for name in (rule.source, rule.sign_of, rule.times) if name]
+        return tuple(dict.fromkeys((*named, *stale)))
 
 
 def read_mapping(path: Path) -> LogMapping:
@@ -106,6 +117,7 @@ def read_mapping(path: Path) -> LogMapping:
         _stale(f"{path}: [stale]", tree.get("stale")),
         _rotation(f"{path}: [pose]", tree.get("pose", {})),
         _choice(f"{path}: empty", tree.get("empty", EMPTY_RULES[0]), EMPTY_RULES, "rule"),
+        _topics(f"{path}: [topics]", tree.get("topics")),
     )
 
 
@@ -155,6 +167,17 @@ def _dialect(place: str, entry: Any) -> Dialect:
         if name in entry
     }
     return Dialect(**{**texts, **lines})
+
+
+def _topics(place: str, entry: Any) -> TopicChoice | None:
+    if entry is None:
+        return None
+    _require_keys(place, check_table(place, entry), [f.name for f in fields(TopicChoice)])
+    return TopicChoice(
+        check_text(f"{place}: base", entry["base"]) if "base" in entry else None,
+        _choice(f"{place}: join", entry.get("join", JOINS[0]), JOINS, "rule"),
+        _choice(f"{place}: stamps", entry["stamps"], STAMPS, "clock") if "stamps" in entry else None,
+    )
 
 
 def _stale(place: str, entry: Any) -> StaleRule | None:

@@ -7,6 +7,7 @@ from dataclasses import fields
 
 from omnimj.recording.importing.mapping import ColumnSource, LogMapping
 from omnimj.recording.importing.propose import Proposal
+from omnimj.recording.importing.topics.choice import TopicChoice
 from omnimj.recording.write_dataset import toml_key, toml_text
 
 _HEAD = """# How the columns of a log become those of a dataset; edit it, then
@@ -33,6 +34,8 @@ def mapping_text(proposal: Proposal) -> str:
     dialect = {f.name: getattr(mapping.dialect, f.name) for f in fields(mapping.dialect)}
     if any(value is not None for value in dialect.values()):
         lines += ["", "[csv]", *_conditions({k: v for k, v in dialect.items() if v is not None})]
+    if mapping.topics is not None:
+        lines += ["", *_topics(mapping.topics)]
     lines += ["", "[columns]"]
     for target, rule in mapping.columns.items():
         remark = proposal.remarks.get(target)
@@ -47,6 +50,15 @@ def mapping_text(proposal: Proposal) -> str:
     for name, conditions in mapping.runs.items():
         lines += ["", f"[runs.{toml_key(name)}]", *_conditions(conditions)]
     return "\n".join(lines) + "\n"
+
+
+def _topics(choice: TopicChoice) -> list[str]:
+    words = "# a row at each stamp of this topic; the others are joined to it"
+    lines = ["[topics]", f"base = {toml_text(choice.base)}  {words}"] if choice.base else ["[topics]"]
+    lines.append(f"join = {toml_text(choice.join)}  # linear or previous")
+    if choice.stamps:
+        lines.append(f"stamps = {toml_text(choice.stamps)}  # header or log")
+    return lines
 
 
 def _conditions(values: Mapping[str, float | str | bool | int]) -> list[str]:

@@ -21,6 +21,8 @@ from omnimj.signals import Array
 _DEEPEST = 8  # levels of tables in tables that are looked into
 _MOST_COLUMNS = 64  # of a matrix that is taken as columns
 _FEWEST = 2  # rows of a table
+_UNITS, _NAMES = "units.", "names."
+"""Structures beside the columns, whose texts are units and full names of the columns."""
 
 
 def read_json(path: Path) -> SourceTable:
@@ -89,12 +91,15 @@ def _table_of(path: Path, content: Any, format_name: str) -> SourceTable:
     if not lengths:
         raise InputError(path, "holds no table", "a list of records or lists of equal length is needed")
     rows = max(lengths, key=lambda n: (lengths[n], n))
+    units, names = _texts(leaves, _UNITS), _texts(leaves, _NAMES)
+    leaves = {name: value for name, value in leaves.items() if not name.startswith((_UNITS, _NAMES))}
     chosen = {name: values for name, values in vectors.items() if len(values) == rows}
     require_size(path, rows, len(chosen))
     start = _common_start(list(chosen))
     columns = {}
     for full, values in chosen.items():
-        name, unit = split_unit(full.removeprefix(start))
+        plain = full.removeprefix(start)
+        name, unit = (names.get(plain, plain), units[plain]) if plain in units else split_unit(plain)
         columns[printable(name)] = SourceColumn(printable(name), values, unit)
     others = {name: f"{len(values)} rows" for name, values in vectors.items() if len(values) != rows}
     others |= {name.removeprefix(start): "text" for name, value in leaves.items() if value is None}
@@ -105,6 +110,12 @@ def _table_of(path: Path, content: Any, format_name: str) -> SourceTable:
     }
     where = f" under {start.rstrip('.')!r}" if start else ""
     return SourceTable(path, columns, f"{format_name}, {rows} rows{where}", others, scalars)
+
+
+def _texts(leaves: Mapping[str, Any], start: str) -> dict[str, str]:
+    """Texts of a structure by the name that they belong to."""
+    found = {name.removeprefix(start): text for name, text in leaves.items() if name.startswith(start)}
+    return {name: text if isinstance(text, str) else "" for name, text in found.items()}
 
 
 def _common_start(names: Sequence[str]) -> str:

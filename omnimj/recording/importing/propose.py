@@ -12,6 +12,7 @@ from omnimj.recording.dataset import MAX_WHEELS, MIN_WHEELS, MJCF, PLANT_COLUMNS
 from omnimj.recording.dataset_file import POSE_MEASURED
 from omnimj.recording.importing.mapping import ColumnSource, LogMapping, StaleRule
 from omnimj.recording.importing.tables import SourceColumn, SourceTable
+from omnimj.recording.importing.topics.quantities import JOINT_EFFORT, JOINT_POSITION, JOINT_VELOCITY
 from omnimj.recording.importing.units import RAW_UNITS, find_unit, target_unit
 from omnimj.recording.logger_faults import is_magnitude
 
@@ -19,6 +20,11 @@ _SET = re.compile(r"set|target|cmd|command|ref|desired|goal|soll")
 _CHANGE = re.compile(r"^d(x|y|t|ang|theta|phi)?$|delta|error|diff")
 _ORDINAL = re.compile(r"\b(\d+)(st|nd|rd|th)\b")
 _STEPS = (5e-5, 0.06)  # [s] plausible time steps: 20 kHz … 17 Hz
+_WHEEL = re.compile(r"wheel|motor|drive|whl", re.IGNORECASE)
+_JOINT_COLUMNS = {JOINT_VELOCITY: "wheel_speed", JOINT_EFFORT: "current"}  # of a robot
+_PART_COLUMNS = {JOINT_POSITION: "position", JOINT_VELOCITY: "velocity", JOINT_EFFORT: "force"}  # of an MJCF
+_ODOMETRY = "nav_msgs/Odometry"
+_MOST_OTHERS = 40
 _PER_WHEEL = ("current", "current_target", "wheel_speed", "counter")
 _PATTERNS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     # kind, names, SI units that the column may have
@@ -72,7 +78,7 @@ def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str 
     elif plant == MJCF:
         chosen = _any_machine(columns, remarks)
     else:
-        chosen = {name: ColumnSource(name) for name in PLANT_COLUMNS[plant].known if name in columns}
+        chosen = _exact(columns, plant)
         chosen |= _kept(found, set(chosen), set(PLANT_COLUMNS[plant].known))
     if "time" not in chosen and found.get("time"):
         chosen = {"time": ColumnSource(found["time"][0]), **chosen}
@@ -86,6 +92,8 @@ def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str 
         chosen = _with_signs(tables, chosen, remarks)
         stale = _counters(tables, found, chosen, hints)
     mapping = _with_conditions(plant, chosen, stale, floor)
+    if tables[0].choice is not None:
+        mapping = _with_topics(tables, mapping, hints)
     unclear = _unclear(columns, chosen, remarks)
     return Proposal(mapping, remarks, _missing(mapping), unclear, tuple(hints))
 
@@ -117,11 +125,57 @@ def wheel_count(names: Sequence[str]) -> int:
     return min(max(numbers, default=4), MAX_WHEELS) if max(numbers, default=0) >= MIN_WHEELS else 4
 
 
+def _exact(columns: Mapping[str, SourceColumn], plant: str) -> dict[str, ColumnSource]:
+    """Columns that have the names of omnimj, or whose messages say that they are these."""
+    known = plant_columns(plant, MAX_WHEELS)
+    found: dict[str, ColumnSource] = {}
+    for name, column in columns.items():
+        if known.has(column.kind):
+            found.setdefault(column.kind, ColumnSource(name))
+    return found | {name: ColumnSource(name) for name in columns if known.has(name)}
+
+
+def _with_topics(tables: Sequence[SourceTable], mapping: LogMapping, hints: list[str]) -> LogMapping:
+    """Add how the topics are joined; rows that a topic does not cover are left out."""
+    columns = tables[0].columns
+    gaps = any(np.isnan(column.values).any() for table in tables for column in table.columns.values())
+    used = {rule.source for rule in mapping.columns.values()}
+    others = [name for name in columns if name not in used][:_MOST_OTHERS]
+    if others:
+        hints += ["# not used:", *(f"#   {name}" for name in others)]
+    pose = mapping.columns.get("x")
+    if pose is not None and columns[pose.source].words == _ODOMETRY:
+        defaults = {key: value for key, value in mapping.defaults.items() if key != POSE_MEASURED}
+        hints.append(f"# the pose is that of {_ODOMETRY}: under [defaults], pose_measured = true if a camera")
+        hints.append("# or motion capture measured it; a pose summed up from the wheels is not measured")
+        mapping = replace(mapping, defaults=defaults)
+    return replace(mapping, topics=tables[0].choice, empty="drop" if gaps else mapping.empty)
+
+
+def _joint_numbers(columns: Mapping[str, SourceColumn]) -> dict[str, int]:
+    """Numbers of the wheels by joint: those in their names where each has one, else their order."""
+    parts = [c.part for c in columns.values() if c.kind in _JOINT_COLUMNS and _WHEEL.search(c.part)]
+    parts = list(dict.fromkeys(parts))
+    in_names = [_number(part, "") for part in parts]
+    numbers = [number for number in in_names if number is not None]
+    if len(set(numbers)) == len(parts):
+        return dict(zip(parts, numbers, strict=True))
+    return {part: k + 1 for k, part in enumerate(parts)}
+
+
 def _by_kind(columns: Mapping[str, SourceColumn]) -> dict[str, list[str]]:
     """Names of the columns by what they are; those of wheels as `current_1`, `counter_2` …"""
     found: dict[str, list[str]] = {}
     numbered: dict[str, dict[str, int]] = {}
+    joints = _joint_numbers(columns)
     for name, column in columns.items():
+        if column.kind:
+            kind = _JOINT_COLUMNS.get(column.kind)
+            if kind and column.part in joints:
+                numbered.setdefault(kind, {})[name] = joints[column.part]
+            elif not column.part:
+                found.setdefault(column.kind, []).append(name)
+            continue
         kind = _kind(name, column)
         if kind is None:
             continue
@@ -190,20 +244,31 @@ def _robot(
     columns: Mapping[str, SourceColumn], found: Mapping[str, list[str]], remarks: dict[str, str]
 ) -> dict[str, ColumnSource]:
     known = plant_columns("uto_robot", MAX_WHEELS).known
-    chosen = {name: ColumnSource(name) for name in known if name in columns}
+    chosen = _exact(columns, "uto_robot")
     chosen |= _kept(found, set(chosen), set(known))
     for target, rule in chosen.items():
         others = [name for name in found.get(target, ()) if name != rule.source]
         if others:
             remarks[target] = f"or {', '.join(others)}"
-        about = f"{rule.source} {columns[rule.source].words}".lower()
+        source = columns[rule.source]
+        if source.part:
+            _remark_joint(target, source.part, remarks)
+            continue
+        about = f"{rule.source} {source.words}".lower()
         if target.startswith("wheel_speed") and re.search(r"motor|^m\d", about):
             remarks[target] = "a motor's speed: scale = 1 / gear"
-        elif target == "heading" and rule.source != "heading":
+        elif target == "heading" and rule.source != "heading" and not source.kind:
             remarks[target] = "the angle of the robot's x axis; offset in rad"
     if {"x", "y"} <= set(chosen) and "heading" not in chosen and "yaw" in chosen:
         chosen["heading"] = chosen["yaw"]
     return chosen
+
+
+def _remark_joint(target: str, part: str, remarks: dict[str, str]) -> None:
+    """Say which joint a wheel is where its name has no number, or another one."""
+    number = target.rpartition("_")[2]
+    if f"{_number(part, '')}" != number:
+        remarks[target] = f"wheel {number} by the order in the messages: check that it is {part}"
 
 
 def _kept(found: Mapping[str, list[str]], taken: set[str], known: set[str]) -> dict[str, ColumnSource]:
@@ -214,8 +279,16 @@ def _kept(found: Mapping[str, list[str]], taken: set[str], known: set[str]) -> d
 
 def _any_machine(columns: Mapping[str, SourceColumn], remarks: dict[str, str]) -> dict[str, ColumnSource]:
     """Columns of one joint and its actuator; everything else is a sensor of its name."""
-    chosen: dict[str, ColumnSource] = {}
-    for name in columns:
+    chosen: dict[str, ColumnSource] = _exact(columns, MJCF)
+    joints = {name: column for name, column in columns.items() if column.part}
+    for name, column in joints.items():
+        target = f"{_PART_COLUMNS[column.kind]}:{column.part}"
+        chosen.setdefault(target, ColumnSource(name))
+        part = "an actuator" if column.kind == JOINT_EFFORT else "a joint"
+        remarks[target] = f"the name after the colon is {part} of your MJCF file"
+    if joints:
+        return chosen
+    for name in columns if len(chosen) < 2 else ():
         plain = name.lower()
         if re.search(_PATTERNS[0][1], plain):
             target = "time"
@@ -298,6 +371,8 @@ def _with_signs(
         number = target.removeprefix("current_")
         speed = chosen.get(f"wheel_speed_{number}")
         if not target.startswith("current_") or speed is None or not number.isdigit():
+            continue
+        if tables[0].columns[rule.source].kind:  # messages define the sign
             continue
         having = [t.columns for t in tables if {rule.source, speed.source} <= set(t.columns)]
         values = [np.nan_to_num(c[rule.source].values) for c in having]

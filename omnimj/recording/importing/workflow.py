@@ -24,7 +24,8 @@ from omnimj.recording.importing.quality import (
     suspicious_wheels,
     time_quality,
 )
-from omnimj.recording.importing.tables import SourceTable, read_source
+from omnimj.recording.importing.tables import SourceHints, SourceTable, read_source
+from omnimj.recording.importing.topics.choice import TopicSummary
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.json_files import write_text
 from omnimj.recording.write_dataset import DatasetWriter
@@ -32,6 +33,7 @@ from omnimj.recording.write_dataset import DatasetWriter
 MAPPING_FILE = "mapping.toml"
 """Copy of the mapping in the folder of a dataset."""
 Progress = Callable[[int, int], None]
+_STEPS = 1000  # of progress in each file
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class ImportConfig:
     """Mapping file; a mapping is proposed when None."""
     plant: str | None = None
     floor: str | None = None
+    topics: tuple[str, ...] = ()
+    """Topics of recorded messages that are read; empty: all, or those that the mapping needs."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,8 @@ class ImportPlan:
     """Conversions and oddities, one sentence each."""
     scalars: dict[str, str]
     """Single values of the first file."""
+    topics: tuple[TopicSummary, ...]
+    """Topics of the first file; empty for logs that are no recorded messages."""
 
 
 def plan_import(config: ImportConfig, progress: Progress | None = None) -> ImportPlan:
@@ -85,19 +91,19 @@ def plan_import(config: ImportConfig, progress: Progress | None = None) -> Impor
 
     Args:
       config: Files, mapping, plant and floor.
-      progress: Called with the files done and their number.
+      progress: Called with the steps done and their number.
 
     Raises:
       InputError: A file or the mapping is wrong; with a mapping also where it does not fit a file.
       UnknownNameError: A name in the mapping does not exist.
     """
     given = None if config.mapping is None else read_mapping(config.mapping)
-    dialect = None if given is None else given.dialect
+    hints = _hints(config, given)
     tables = []
     for k, file in enumerate(config.files):
-        tables.append(read_source(file, dialect))
+        tables.append(read_source(file, replace(hints, progress=_shown(progress, k, len(config.files)))))
         if progress is not None:
-            progress(k + 1, len(config.files))
+            progress(_STEPS * (k + 1), _STEPS * len(config.files))
     names = run_names(config.files)
     proposal = _proposal(config, given, tables, names)
     runs, notes = _converted(tables, names, proposal, strict=given is not None)
@@ -113,7 +119,26 @@ def plan_import(config: ImportConfig, progress: Progress | None = None) -> Impor
         quality,
         tuple(notes),
         dict(tables[0].scalars),
+        tables[0].topics,
     )
+
+
+def _shown(progress: Progress | None, done: int, files: int) -> Callable[[float], None]:
+    """Progress within a file, as that of all files."""
+
+    def show(share: float) -> None:
+        if progress is not None:
+            progress(round(_STEPS * (done + share)), _STEPS * files)
+
+    return show
+
+
+def _hints(config: ImportConfig, given: LogMapping | None) -> SourceHints:
+    if given is None:
+        return SourceHints(topics=config.topics)
+    if config.topics:
+        raise InputError("--topics", f"found {config.topics[0]!r}", f"{config.mapping} states what is needed")
+    return SourceHints(given.dialect, given.topics, given.sources)
 
 
 def run_names(files: Sequence[Path]) -> list[str]:
@@ -122,8 +147,9 @@ def run_names(files: Sequence[Path]) -> list[str]:
     Raises:
       InputError: A file is given twice.
     """
-    stems = Counter(file.stem for file in files)
-    names = [f.stem if stems[f.stem] == 1 else f"{f.absolute().parent.name}_{f.stem}" for f in files]
+    own = {file: file.absolute().name if file.is_dir() else file.stem for file in files}
+    count = Counter(own[file] for file in files)
+    names = [own[f] if count[own[f]] == 1 else f"{f.absolute().parent.name}_{own[f]}" for f in files]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise InputError(f"run {twice[0]!r}", "comes from two files", "import them into two datasets")

@@ -15,6 +15,7 @@ from omnimj.recording.importing.dialect import Dialect, find_dialect
 from omnimj.recording.importing.tables import READERS, read_source
 from omnimj.recording.importing.units import find_unit, known_units, split_unit, target_unit
 
+TABLES = sorted(set(READERS) - {".mcap", ".db3"})
 ROWS = 30
 NAMES = ("t", "v_car", "i_motor")
 UNITS = ("ms", "mm/s", "mA")
@@ -98,7 +99,7 @@ def test_a_last_row_that_is_cut_off_is_left_out_and_one_in_the_middle_is_refused
 
 
 @given(st.data())
-@pytest.mark.parametrize("suffix", sorted(READERS))
+@pytest.mark.parametrize("suffix", TABLES)
 def test_truncated_flipped_and_random_files_are_read_or_refused_in_one_line(tmp_path_factory, suffix, data):
     folder = tmp_path_factory.mktemp("hostile")
     whole = made(folder / f"whole{suffix}").read_bytes()
@@ -143,7 +144,7 @@ def made(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", sorted(READERS))
+@pytest.mark.parametrize("suffix", TABLES)
 def test_every_format_gives_the_same_numbers(tmp_path, suffix):
     table = read_source(made(tmp_path / f"log{suffix}"))
     assert set(table.columns) == set(NAMES)
