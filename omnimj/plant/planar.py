@@ -195,12 +195,16 @@ class PlanarRobot(StagedPlant):
         )
         return _RobotStage(begin, constants, now.motor_rows, self._ground.replacements(now.floors))
 
-    def reset(self) -> Measurement:
-        """Put the robot at rest at its start and return the first measurement; the noise is repeated."""
+    def reset(self, seed: int | None = None) -> Measurement:
+        """Put the robot at rest at its start and return the first measurement.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         self._steps[0], self._braked = 0, ()
         self._row[:] = 0.0
         self._state.pose[:] = self._start
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._enter(0)
         self.prepare_step()
         # forces at rest, for truth and accelerometer

@@ -176,11 +176,15 @@ class PlanarRig(StagedPlant):
         floor = replacements[0] if replaced[0] else self._ground.rows[0]
         return _RigStage(begin, (own, now.motor_rows[0], floor, terms))
 
-    def reset(self) -> RigMeasurement:
-        """Put the rig at rest at the start of the rail, with the gantry moving; the noise is repeated."""
+    def reset(self, seed: int | None = None) -> RigMeasurement:
+        """Put the rig at rest at the start of the rail, with the gantry moving.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         self._steps[0] = 0
         self._state[:] = 0.0
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._enter(0)
         self.prepare_step()
         # forces at rest, for truth and accelerometer

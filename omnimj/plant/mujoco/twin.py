@@ -146,8 +146,12 @@ class RigTwin:
             self._schedule.apply(int(self._arrays.steps[0]) * self.period)
         self._sensors.refill()
 
-    def reset(self) -> RigMeasurement:
-        """Put the carriage at its start, with the gantry moving, and return the measurement at time 0."""
+    def reset(self, seed: int | None = None) -> RigMeasurement:
+        """Put the carriage at its start, with the gantry moving, and return the measurement at time 0.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         d = self.mj_data
         mujoco.mj_resetData(self.mj_model, d)
         self._schedule.start()
@@ -155,7 +159,7 @@ class RigTwin:
         if self._lateral_speed:
             self._settle(int(self._arrays.joints[GANTRY]))
         mujoco.mj_forward(self.mj_model, d)
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._arrays = self._arrays._replace(sensors=self._sensors.chain)
         self._arrays.steps[0] = 0
         return self._measure()
@@ -335,8 +339,12 @@ class RobotTwin:
             self._arrays.braked[:] = 0  # the schedule overwrites whole motors
         self._sensors.refill()
 
-    def reset(self) -> Measurement:
-        """Put the robot at rest at its start and return the measurement at time 0."""
+    def reset(self, seed: int | None = None) -> Measurement:
+        """Put the robot at rest at its start and return the measurement at time 0.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         mujoco.mj_resetData(self.mj_model, self.mj_data)
         self._schedule.start()
         x, y, heading = self._start
@@ -344,7 +352,7 @@ class RobotTwin:
         self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
         self.mj_data.qpos[self._guides_at] = self._guides
         mujoco.mj_forward(self.mj_model, self.mj_data)
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._arrays = self._arrays._replace(sensors=self._sensors.chain)
         self._arrays.turns[:], self._arrays.steps[0], self._arrays.braked[:] = (heading, 0.0), 0, 0
         return self._measure()
