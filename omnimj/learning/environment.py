@@ -13,7 +13,16 @@ from omnimj.errors import UnknownNameError
 from omnimj.learning.options import Task, read_task
 from omnimj.learning.picture import Scene, draw
 from omnimj.learning.registration import ENVIRONMENT
-from omnimj.learning.simulation import Simulation, blank_episodes, checked_action, observation_limits
+from omnimj.learning.simulation import (
+    Outcome,
+    Simulation,
+    begin_decision,
+    blank_episodes,
+    checked_action,
+    describe,
+    judge_decision,
+    observation_limits,
+)
 from omnimj.signals import Array
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
@@ -47,10 +56,10 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `wheel_speeds`: added to the wheel-speed targets; 1 is a rim speed of 0.25 m/s
     - `currents`: set currents of the motors behind the rate limit; 1 is the largest current
 
-    Reward of a decision: −∫ e dt / 0.1 m − w E, with the distance e from the planned position and the energy E
-    that the motors draw, w = `energy_weight`. Terminated: e above `largest_error`, or a state of the
-    simulation that is not finite; the reward then counts that distance for the rest of the plan. Truncated: the
-    end of the plan.
+    Reward of a decision: −∫ e dt / 0.1 m − w E, with the distance e from the planned position and the energy
+    E that the motors draw, w = `energy_weight`. Terminated: e above `largest_error`, or a state of the
+    simulation that is not finite; the reward then counts that distance for the rest of the plan. Truncated:
+    the end of the plan.
 
     The seed of `reset` determines sensor noise and random motions, bit for bit. `info` holds what the policy
     must not see: `tracking_error` [m], mean over the decision, `energy` [J], true `pose` x, y [m], heading
@@ -62,7 +71,7 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Raises:
       InputError: A value breaks its rule, or options do not go together.
-      UnknownNameError: No such option, plant, scenario, floor, fault or action; the message lists the choices.
+      UnknownNameError: No such option, plant, scenario, floor, fault or action; the message lists them.
     """
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -71,7 +80,8 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = checked_render_mode(render_mode)
         self.task = read_task(**options)
         self.observation_space, self.action_space = spaces(self.task)
-        self._simulation = Simulation(self.task, blank_episodes(self.task, 1), 0)
+        self._episodes = blank_episodes(self.task, 1)
+        self._robot = Simulation(self.task, self._episodes, 0)
         self._scene = Scene(self.task)
 
     def reset(
@@ -84,9 +94,9 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
           options: Not used.
         """
         super().reset(seed=seed)
-        self._simulation.reset(self.np_random)
-        self._scene.begin(self._simulation)
-        return self._simulation.observation, self._simulation.info()
+        self._robot.reset(self.np_random)
+        self._scene.begin(self._robot)
+        return self._observation(), self._info()
 
     def step(
         self, action: NDArray[np.float32] | Array
@@ -99,17 +109,26 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
           InputError: An action of another shape, or that is not finite.
         """
-        simulation = self._simulation
-        outcome = simulation.advance(checked_action(action, (self.task.action_size,)))
+        action = checked_action(action, (self.task.action_size,))
+        begin_decision(self.task, self._episodes, action)
+        self._robot.drive()
+        found = judge_decision(self.task, self._episodes)
         if self.render_mode is not None:
-            self._scene.follow(simulation)
-        info = simulation.info(outcome)
-        return simulation.observation, outcome.reward, outcome.terminated, outcome.truncated, info
+            self._scene.follow(self._robot)
+        ends = bool(found.terminated[0]), bool(found.truncated[0])
+        return self._observation(), float(found.reward[0]), *ends, self._info(found)
 
     def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw the map from above, shape (height, width, 3); None without `render_mode`."""
-        return None if self.render_mode is None else draw(self._scene, self._simulation)
+        return None if self.render_mode is None else draw(self._scene, self._robot)
 
     def close(self) -> None:
         """Release the plant."""
-        self._simulation.close()
+        self._robot.close()
+
+    def _observation(self) -> NDArray[np.float32]:
+        return self._episodes["observation"][0].copy()
+
+    def _info(self, outcome: Outcome | None = None) -> dict[str, Any]:
+        found = describe(self.task, self._episodes, outcome)
+        return {name: rows[0].copy() if rows.ndim > 1 else rows[0].item() for name, rows in found.items()}

@@ -26,9 +26,9 @@ class Entry(NamedTuple):
 def entries(robot: Robot) -> tuple[Entry, ...]:
     """Entries of the observation of a robot with n wheels in their order, 2n + 12.
 
-    `heading_error` is planned heading − the cascade's estimate. Targets are turned into the body frame by that
-    estimate; those `ahead` are the plan's `AHEAD` later. `behind` is planned position − dead
-    reckoning by wheel speeds and estimated heading, body frame: what slip and creep do to it is not seen.
+    `heading_error` is planned heading − the cascade's estimate. Targets are turned into the body frame by
+    that estimate; those `ahead` are the plan's `AHEAD` later. `behind` is planned position − dead reckoning
+    by wheel speeds and estimated heading, body frame: what slip and creep do to the place is not seen.
 
     Args:
       robot: The robot.

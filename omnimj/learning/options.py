@@ -125,7 +125,7 @@ def read_task(**options: Any) -> Task:
 
     Raises:
       InputError: A value breaks its rule, or options do not go together.
-      UnknownNameError: No such option, plant, scenario, floor, fault or action; the message lists the choices.
+      UnknownNameError: No such option, plant, scenario, floor, fault or action; the message lists them.
     """
     for name in options:
         if name not in OPTION_NAMES:

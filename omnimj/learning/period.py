@@ -64,6 +64,16 @@ class Episode(NamedTuple):
     """Position by dead reckoning, shape (2,) [m]."""
     period: int
     """Control periods since the start."""
+    begin: int
+    """Control periods after which the present decision began."""
+    end: int
+    """Control periods after which the present decision ends."""
+    last: int
+    """Control periods after which the plan ends."""
+    sound: bool
+    """False once a true value is not finite or beyond `Setup.largest`."""
+    distance: float
+    """Present distance from the planned position [m]."""
     error: float
     """Integral of the distance from the planned position over the present decision [m s]."""
     energy: float
@@ -118,6 +128,7 @@ def account(p, e, plan, values):
     n, h = p.forward.shape[1], p.cascade.period
     for value in e.truth:
         if not abs(value) <= p.largest:
+            e.sound = False
             return False
     x = y = power = 0.0
     for i in range(n):
@@ -130,7 +141,8 @@ def account(p, e, plan, values):
     e.reckoned[1] += h * (s * x + c * y)
     e.period += 1
     planned = plan.columns[e.period]
-    e.error += h * math.hypot(e.truth[0] - planned[0], e.truth[1] - planned[1])
+    e.distance = math.hypot(e.truth[0] - planned[0], e.truth[1] - planned[1])
+    e.error += h * e.distance
     e.energy += h * max(power, 0.0)
     return True
 

@@ -9,8 +9,8 @@ from omnimj.simulate.compiled.row import CHUNK_IS_DONE, PLANT_CHANGES, TRUTH_IS_
 
 
 @kernel
-def act_on_planar(plant, setup, episode, plan, next_change, end):
-    """Drive until a number of control periods is finished or Python is needed; then observe.
+def act_on_planar(plant, setup, episode, plan, next_change):
+    """Drive until the end of the decision or until Python is needed; observe at the end.
 
     Args:
       plant: `PlanarArrays`.
@@ -18,13 +18,12 @@ def act_on_planar(plant, setup, episode, plan, next_change, end):
       episode: Record of `Episode`, changed in place.
       plan: `Plan`.
       next_change: Time from which the plant has conditions to change [s].
-      end: Number of control periods.
 
     Returns:
       The reason for which the loop returns.
     """
     p, e = setup[0], episode[0]
-    while e.period < end:
+    while e.period < e.end:
         if plant.steps[0] * plant.period >= next_change or is_spent(plant.sensors):
             return PLANT_CHANGES
         set_currents(p, e, plan, plant.steps[0] * plant.period)

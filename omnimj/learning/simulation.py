@@ -1,7 +1,8 @@
-"""One robot under a policy: its plant, its cascade, the plan of the episode, and the reward.
+"""Robots under a policy: plant, cascade and plan of each, and the reward of their decisions.
 
-Both kinds of environment drive by this class, so that a robot does the same alone and among others. `advance`
-runs without the interpreter's lock but for a few microseconds.
+Both kinds of environment drive by these functions, so that a robot does the same alone and among others. The
+states of all robots are records of one array: what needs the interpreter is done for all at once, and
+`Simulation.drive` leaves it, and its lock, but for a few microseconds.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from omnimj.learning.observation import AHEAD, LIMIT, entries, wheel_speed_scale
 from omnimj.learning.options import Task
 from omnimj.learning.period import CURRENTS, TWIST, Episode, Setup
 from omnimj.signals import Array
-from omnimj.simulate.compiled.row import CHUNK_IS_DONE, PLANT_CHANGES, Plan
+from omnimj.simulate.compiled.row import PLANT_CHANGES, Plan
 from omnimj.simulate.loop import LARGEST_TRUTH
 
 RESIDUAL_VELOCITY, RESIDUAL_YAW_RATE = 0.25, 0.5
@@ -29,39 +30,18 @@ ERROR_SCALE = 0.1
 """Distance from the planned position that costs 1 per second [m]."""
 
 
-def _setup(task: Task, controller: Controller) -> Setup:
-    robot, n = task.robot, task.robot.wheel_count
-    if task.action == TWIST:
-        scale = np.array([RESIDUAL_VELOCITY, RESIDUAL_VELOCITY, RESIDUAL_YAW_RATE] + [0.0] * (n - 3))
-    elif task.action == CURRENTS:
-        scale = np.full(n, robot.control.current_limit)
-    else:
-        scale = np.full(n, RESIDUAL_VELOCITY * wheel_speed_scale(robot))
-    return Setup(
-        controller.constants,
-        np.linalg.pinv(controller.nominal.speed_per_twist),
-        task.action,
-        scale,
-        robot.motor.resistance,
-        robot.motor.torque_constant * robot.motor.gear_ratio,
-        wheel_speed_scale(robot),
-        round(AHEAD / task.period),
-        LARGEST_TRUTH,
-    )
-
-
 class Outcome(NamedTuple):
-    """What one action led to."""
+    """What one decision of each robot led to, arrays of shape (robots,)."""
 
-    reward: float
-    terminated: bool
+    reward: Array
+    terminated: NDArray[np.bool_]
     """True if the robot is too far from its plan, or its simulation broke."""
-    truncated: bool
+    truncated: NDArray[np.bool_]
     """True if the plan has ended."""
-    tracking_error: float
-    """Mean distance from the planned position during the action [m]."""
-    energy: float
-    """Electrical energy drawn during the action [J]."""
+    tracking_error: Array
+    """Mean distance from the planned position during the decision [m]."""
+    energy: Array
+    """Electrical energy drawn during the decision [J]."""
 
 
 class Simulation:
@@ -84,56 +64,28 @@ class Simulation:
     def reset(self, draws: np.random.Generator) -> None:
         """Begin an episode; its motion and its sensor noise are drawn from a generator."""
         self._plan = self.task.draw_plan(draws)
-        measured = self._plant.reset(int(draws.integers(2**31)))
-        blank = _blank(self.task, self._controller)._replace(
-            cascade=self._controller.initial_fields(measured),
-            readings=np.concatenate(
-                (
-                    measured.current,
-                    measured.wheel_speed,
-                    measured.acceleration,
-                    (measured.yaw_rate, measured.yaw),
-                )
-            ),
-            truth=self._plant.truth(),
-            reckoned=self._plan.columns[0, :2],
+        m = self._plant.reset(int(draws.integers(2**31)))
+        readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
+        first, truth = self._plan.columns[0, :2], self._plant.truth()
+        begun = _blank(self.task, self._controller)._replace(
+            cascade=self._controller.initial_fields(m),
+            readings=readings,
+            truth=truth,
+            reckoned=first,
+            last=len(self._plan.yaw_rate) - 1,
+            distance=float(np.hypot(*(truth[:2] - first))),
         )
-        self._record[:] = packed(blank)
-        self._drive_until(0)
+        self._record[:] = packed(begun)
+        self.drive()
 
-    def advance(self, action: Array) -> Outcome:
-        """Hold an action for one decision.
-
-        Args:
-          action: Shape (m,), within ±1; clipped.
-        """
-        e, task = self._record, self.task
-        e["action"][0, : len(action)] = np.clip(action, -1.0, 1.0)
-        e["error"], e["energy"] = 0.0, 0.0
-        begin = int(e["period"][0])
-        last = len(self._plan.yaw_rate) - 1
-        whole = self._drive_until(min(begin + task.periods, last))
-        seconds = max(int(e["period"][0]) - begin, 1) * task.period
-        error, energy = float(e["error"][0]), float(e["energy"][0])
-        reward = -error / ERROR_SCALE - task.energy_weight * energy
-        terminated = not whole or self.distance > task.largest_error
-        if terminated:
-            # as far away for the rest of the plan: no reward for leaving it
-            left = (last - int(e["period"][0])) * task.period
-            reward -= left * task.largest_error / ERROR_SCALE
-        ended = whole and int(e["period"][0]) == last
-        return Outcome(reward, terminated, ended and not terminated, error / seconds, energy)
-
-    @property
-    def distance(self) -> float:
-        """Present distance from the planned position [m]."""
-        planned, (x, y) = self._plan.columns[self.period], self.pose[:2]
-        return float(np.hypot(x - planned[0], y - planned[1]))
-
-    @property
-    def period(self) -> int:
-        """Control periods since the start."""
-        return int(self._record["period"][0])
+    def drive(self) -> None:
+        """Drive to the end of the present decision; ends early where the truth is not sound."""
+        plant = self._plant
+        while (
+            self._act(plant.arrays(), self._setup, self._record, self._plan, plant.next_change)
+            == PLANT_CHANGES
+        ):
+            plant.prepare_step()
 
     @property
     def pose(self) -> Array:
@@ -145,48 +97,65 @@ class Simulation:
         """Planned positions, shape (k, 2) [m]."""
         return self._plan.columns[:, :2]
 
-    @property
-    def fault_active(self) -> bool:
-        """True if one of the true faults is present."""
-        now = self.period * self.task.period
-        return any(f.onset <= now and (f.end is None or now < f.end) for f in self.task.faults)
-
-    @property
-    def observation(self) -> NDArray[np.float32]:
-        """Observation, a copy, shape (2n+12,)."""
-        return self._record["observation"][0].copy()
-
-    def info(self, outcome: Outcome | None = None) -> dict[str, Any]:
-        """Truth for judging, which a policy must not see.
-
-        Args:
-          outcome: Of the last action; None after a reset.
-        """
-        return {
-            "tracking_error": self.distance if outcome is None else outcome.tracking_error,
-            "energy": 0.0 if outcome is None else outcome.energy,
-            "pose": self.pose,
-            "fault_active": self.fault_active,
-        }
-
     def close(self) -> None:
         """Release the plant."""
         self._plant.close()
 
-    def _drive_until(self, end: int) -> bool:
-        """Drive until a number of control periods is finished; False if the truth is not sound."""
-        plant = self._plant
-        while True:
-            reason = self._act(plant.arrays(), self._setup, self._record, self._plan, plant.next_change, end)
-            if reason != PLANT_CHANGES:
-                return reason == CHUNK_IS_DONE
-            plant.prepare_step()
-
 
 def blank_episodes(task: Task, count: int) -> Record:
-    """Records of `Episode` for a number of simulations."""
-    one = packed(_blank(task, _controller(task)))
-    return np.repeat(one, count)
+    """Records of `Episode` for a number of robots."""
+    return np.repeat(packed(_blank(task, _controller(task))), count)
+
+
+def begin_decision(task: Task, episodes: Record, actions: Array) -> None:
+    """Give each robot its action, to be held for one decision.
+
+    Args:
+      task: What all episodes have in common.
+      episodes: Records of the robots, changed in place.
+      actions: Shape (robots, m); clipped to ±1.
+    """
+    episodes["action"][:, : task.action_size] = np.clip(actions, -1.0, 1.0)
+    episodes["error"] = episodes["energy"] = 0.0
+    episodes["begin"] = episodes["period"]
+    episodes["end"] = np.minimum(episodes["period"] + task.periods, episodes["last"])
+
+
+def judge_decision(task: Task, episodes: Record) -> Outcome:
+    """Judge the decision that has been driven.
+
+    Args:
+      task: What all episodes have in common.
+      episodes: Records of the robots.
+    """
+    error, energy, period = episodes["error"].copy(), episodes["energy"].copy(), episodes["period"]
+    sound, left = episodes["sound"], episodes["last"] - period
+    seconds = task.period * np.maximum(period - episodes["begin"], 1)
+    reward = -error / ERROR_SCALE - task.energy_weight * energy
+    terminated = ~sound | (episodes["distance"] > task.largest_error)
+    # as far away for the rest of the plan: leaving it is not rewarded
+    reward -= np.where(terminated, left * (task.period * task.largest_error / ERROR_SCALE), 0.0)
+    return Outcome(reward, terminated, (left == 0) & ~terminated, error / seconds, energy)
+
+
+def describe(task: Task, episodes: Record, outcome: Outcome | None = None) -> dict[str, Any]:
+    """Truth for judging, which a policy must not see, one row per robot.
+
+    Args:
+      task: What all episodes have in common.
+      episodes: Records of the robots.
+      outcome: Of the last decision; None after a reset.
+    """
+    now = episodes["period"] * task.period
+    active = np.zeros(len(episodes), bool)
+    for fault in task.faults:
+        active |= (now >= fault.onset) & (now < (np.inf if fault.end is None else fault.end))
+    return {
+        "tracking_error": episodes["distance"].copy() if outcome is None else outcome.tracking_error,
+        "energy": np.zeros(len(episodes)) if outcome is None else outcome.energy,
+        "pose": episodes["truth"][:, :3].copy(),
+        "fault_active": active,
+    }
 
 
 def observation_limits(task: Task) -> NDArray[np.float32]:
@@ -215,20 +184,45 @@ def _controller(task: Task) -> Controller:
     return Controller(task.robot, period=task.period, creep_floor=task.creep_floor, **task.loops)
 
 
+def _setup(task: Task, controller: Controller) -> Setup:
+    robot, n = task.robot, task.robot.wheel_count
+    if task.action == TWIST:
+        scale = np.array([RESIDUAL_VELOCITY, RESIDUAL_VELOCITY, RESIDUAL_YAW_RATE] + [0.0] * (n - 3))
+    elif task.action == CURRENTS:
+        scale = np.full(n, robot.control.current_limit)
+    else:
+        scale = np.full(n, RESIDUAL_VELOCITY * wheel_speed_scale(robot))
+    return Setup(
+        cascade=controller.constants,
+        forward=np.linalg.pinv(controller.nominal.speed_per_twist),
+        action=task.action,
+        scale=scale,
+        resistance=robot.motor.resistance,
+        back_emf=robot.motor.torque_constant * robot.motor.gear_ratio,
+        wheel_speed=wheel_speed_scale(robot),
+        ahead=round(AHEAD / task.period),
+        largest=LARGEST_TRUTH,
+    )
+
+
 def _blank(task: Task, controller: Controller) -> Episode:
-    n = task.robot.wheel_count
-    log = np.zeros(len(controller.log_names))
+    n, log = task.robot.wheel_count, np.zeros(len(controller.log_names))
     return Episode(
-        CascadeState(0.0, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(n), log),
-        controller.nominal,
-        np.zeros(2 * n + 4),
-        np.zeros(6 + 3 * n),
-        np.zeros(n),
-        np.zeros(2),
-        0,
-        0.0,
-        0.0,
-        np.zeros(len(entries(task.robot)), np.float32),
+        cascade=CascadeState(0.0, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(n), log),
+        changed=controller.nominal,
+        readings=np.zeros(2 * n + 4),
+        truth=np.zeros(6 + 3 * n),
+        action=np.zeros(n),
+        reckoned=np.zeros(2),
+        period=0,
+        begin=0,
+        end=0,
+        last=0,
+        sound=True,
+        distance=0.0,
+        error=0.0,
+        energy=0.0,
+        observation=np.zeros(len(entries(task.robot)), np.float32),
     )
 
 

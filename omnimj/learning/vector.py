@@ -7,7 +7,7 @@ alone: `reset(seed=s)` gives robot k the seed s + k, as Gymnasium's own vector e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -22,21 +22,19 @@ from omnimj.learning.environment import METADATA, checked_render_mode, spaces
 from omnimj.learning.options import read_task
 from omnimj.learning.picture import Scene, draw
 from omnimj.learning.registration import ENVIRONMENT
-from omnimj.learning.simulation import Outcome, Simulation, blank_episodes, checked_action
+from omnimj.learning.simulation import (
+    Outcome,
+    Simulation,
+    begin_decision,
+    blank_episodes,
+    checked_action,
+    describe,
+    judge_decision,
+)
 from omnimj.parameters.reading import Rule, check_number
 from omnimj.signals import Array
 
 _COUNT = Rule(1, 100_000, False)
-_NOTHING = Outcome(0.0, False, False, 0.0, 0.0)
-
-
-class _Step(NamedTuple):
-    """What one robot did in one step of all."""
-
-    outcome: Outcome
-    info: dict[str, Any]
-    final: tuple[NDArray[np.float32], dict[str, Any]] | None = None
-    """Last observation and info of an episode that has been followed by a reset in the same step."""
 
 
 class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
@@ -53,7 +51,7 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
 
     Raises:
       InputError: A value breaks its rule, or options do not go together.
-      UnknownNameError: No such option, plant, scenario, floor, fault or action; the message lists the choices.
+      UnknownNameError: No such option, plant, scenario, floor, fault or action; the message lists them.
     """
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -120,8 +118,9 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         map_in_threads(self._begin, begun, self._threads)
         self._ended[mask] = False
         infos: dict[str, Any] = {}
-        for k in begun:
-            infos = self._add_info(infos, self._robots[k].info(), k)
+        for name, rows in describe(self.task, self._episodes).items():
+            infos[name] = np.where(_like(mask, rows), rows, np.zeros_like(rows))
+            infos[f"_{name}"] = mask.copy()
         return self._observations(), infos
 
     def step(
@@ -142,18 +141,17 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         actions = checked_action(actions, (self.num_envs, self.task.action_size))
         if not self._draws or (self._mode is AutoresetMode.DISABLED and self._ended.any()):
             raise ResetNeeded("an episode has ended or none has begun: call reset first")
-
-        def act(k: int) -> _Step:
-            return self._act(k, actions[k])
-
-        done = map_in_threads(act, range(self.num_envs), self._threads)
-        terminated = np.array([one.outcome.terminated for one in done])
-        truncated = np.array([one.outcome.truncated for one in done])
-        self._ended = terminated | truncated
-        if self._mode is AutoresetMode.SAME_STEP:
-            self._ended = np.zeros(self.num_envs, bool)
-        rewards = np.array([one.outcome.reward for one in done])
-        return self._observations(), rewards, terminated, truncated, self._infos(done)
+        begun = self._ended.copy()  # in the mode NEXT_STEP
+        begin_decision(self.task, self._episodes, actions)
+        map_in_threads(self._act, range(self.num_envs), self._threads)
+        found = judge_decision(self.task, self._episodes)
+        found = Outcome(*(np.where(begun, np.zeros_like(values), values) for values in found))
+        infos = describe(self.task, self._episodes, found)
+        infos |= {f"_{name}": np.ones(self.num_envs, bool) for name in infos}
+        self._ended = found.terminated | found.truncated
+        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            infos = self._begin_ended(infos)
+        return self._observations(), found.reward, found.terminated, found.truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore
         """Draw a map from above of each robot; None without `render_mode`."""
@@ -175,34 +173,40 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         self._robots[k].reset(self._draws[k])
         self._scenes[k].begin(self._robots[k])
 
-    def _act(self, k: int, action: Array) -> _Step:
-        robot = self._robots[k]
-        if self._ended[k]:  # in the mode NEXT_STEP
+    def _act(self, k: int) -> None:
+        if self._ended[k]:
             self._begin(k)
-            return _Step(_NOTHING, robot.info())
-        outcome = robot.advance(action)
+            return
+        self._robots[k].drive()
         if self.render_mode is not None:
-            self._scenes[k].follow(robot)
-        info = robot.info(outcome)
-        if self._mode is AutoresetMode.SAME_STEP and (outcome.terminated or outcome.truncated):
-            final = (robot.observation, info)
-            self._begin(k)
-            return _Step(outcome, robot.info(), final)
-        return _Step(outcome, info)
+            self._scenes[k].follow(self._robots[k])
+
+    def _begin_ended(self, infos: dict[str, Any]) -> dict[str, Any]:
+        """Begin the episodes of the robots whose episodes have ended; infos with the last of those."""
+        ended, last = np.flatnonzero(self._ended).tolist(), self._observations()
+        final = {
+            name: np.where(_like(self._ended, rows), rows, np.zeros_like(rows))
+            for name, rows in infos.items()
+        }
+        observations = np.full(self.num_envs, None, dtype=object)
+        for k in ended:
+            observations[k] = last[k]
+        map_in_threads(self._begin, ended, self._threads)
+        begun = describe(self.task, self._episodes)
+        for name, rows in begun.items():
+            infos[name] = np.where(_like(self._ended, rows), rows, infos[name])
+        added = {"final_obs": observations, "final_info": final}
+        masks = {f"_{name}": self._ended.copy() for name in added}
+        self._ended = np.zeros(self.num_envs, bool)
+        return {**infos, **added, **masks}
 
     def _observations(self) -> NDArray[np.float32]:
         return self._episodes["observation"].copy()
 
-    def _infos(self, done: Sequence[_Step]) -> dict[str, Any]:
-        infos: dict[str, Any] = {}
-        for k, one in enumerate(done):
-            if one.final is not None:
-                last, info = one.final
-                infos = self._add_info(infos, {"final_obs": last, "final_info": info}, k)
-        for name in done[0].info:
-            infos[name] = np.array([one.info[name] for one in done])
-            infos[f"_{name}"] = np.ones(self.num_envs, bool)
-        return infos
+
+def _like(mask: NDArray[np.bool_], rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Mask of robots as one of their rows."""
+    return mask.reshape(-1, *[1] * (rows.ndim - 1))
 
 
 def _autoreset_mode(given: AutoresetMode | str) -> AutoresetMode:
