@@ -42,6 +42,10 @@ class Effort:
     """Frames per round of the codec."""
     trips: int = 5000
     """Round trips over each wire."""
+    decisions: int = 20
+    """Decisions of each of the robots side by side per round."""
+    decision_rounds: int = 60
+    """Rounds of such decisions; the shortest time counts."""
 
 
 EFFORT = Effort()
@@ -90,6 +94,12 @@ _MEANING = {
     "serial_bare_echo_p99_us": "the same, 99 % [µs]",
     "serial_bare_echo_max_us": "the same, the longest [µs]",
     "serial_round_trip_ratio": "median of frames / of bare bytes",
+    "environment_decisions_per_second": "decisions of 20 ms of 16 twins side by side, all cores",
+    "environment_threads_speedup": "the same on two threads / one (goal ≥ 1.8 on an idle machine)",
+    "environment_single_decisions_per_second": "decisions of the environment with one twin",
+    "environment_planar_decisions_per_second": "decisions of 20 ms of 16 planar robots, all cores",
+    "environment_planar_threads_speedup": "the same on two threads / one",
+    "environment_planar_single_decisions_per_second": "decisions of the environment with one planar robot",
 }
 
 
@@ -106,6 +116,7 @@ def run(arguments: Any) -> int:
     """
     from omnimj.bench.control import measure_control
     from omnimj.bench.gap import measure_gap
+    from omnimj.bench.learning import measure_environments
     from omnimj.bench.link import measure_link
     from omnimj.bench.logs import measure_logs
     from omnimj.bench.twin import measure_driving, measure_run, measure_twin
@@ -120,6 +131,7 @@ def run(arguments: Any) -> int:
     found |= measure_logs(EFFORT.log)
     found |= measure_gap(EFFORT.gap_runs, EFFORT.gap_axis_runs)
     found |= measure_link(EFFORT.frames, EFFORT.trips)
+    found |= measure_environments(EFFORT.decisions, EFFORT.decision_rounds)
     meaning = {name: words for name, words in _MEANING.items() if name in found}
     if arguments.json:
         print(json.dumps({name: float(found[name]) for name in meaning}, indent=2))

@@ -4,7 +4,7 @@ A policy drives along planned motions and adds to what the cascade commands, or 
 sees measurements and targets, as a controller does; the truth about pose and faults is in `info` only.
 
     import gymnasium
-    import omnimj.learning                      # or an installed omnimj, whose environments Gymnasium finds
+    import omnimj.learning                      # registers it; "omnimj.learning:omnimj/…" does so by itself
 
     environment = gymnasium.make("omnimj/OmniDrive-v0", plant="planar", floor="pvc")
     many = gymnasium.make_vec("omnimj/OmniDrive-v0", num_envs=16, plant="planar")

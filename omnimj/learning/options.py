@@ -84,7 +84,7 @@ class Task:
     """Planned motion; None: drawn anew for each episode."""
     start: tuple[float, float, float]
     """Initial x, y [m] and heading [rad]."""
-    loops: Mapping[str, bool]
+    loops: Mapping[str, Any]
     """Loops of the cascade that are switched on, arguments of `Controller`."""
     creep_floor: Floor | None
     """Floor whose creep the cascade feeds forward; None: no feed-forward."""

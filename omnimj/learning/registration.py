@@ -1,7 +1,7 @@
 """Registration of the environment with Gymnasium.
 
-Gymnasium calls `register_environments` when it is imported, by the entry point in `pyproject.toml`; importing
-`omnimj.learning` does the same for a checkout that is not installed.
+Importing `omnimj.learning` registers it. Gymnasium 1.0 and later look for no entry points of other packages,
+but import the module before a colon: `gymnasium.make("omnimj.learning:omnimj/OmniDrive-v0")`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def register_environments() -> None:
     try:
         from gymnasium.envs.registration import register, registry
     except ModuleNotFoundError as error:
-        if error.name != "gymnasium":
+        if not str(error.name).startswith("gymnasium"):
             raise
         raise ImportError(_MISSING, name="gymnasium") from None
     if ENVIRONMENT not in registry:

@@ -194,7 +194,7 @@ def _setup(task: Task, controller: Controller) -> Setup:
         scale = np.full(n, RESIDUAL_VELOCITY * wheel_speed_scale(robot))
     return Setup(
         cascade=controller.constants,
-        forward=np.linalg.pinv(controller.nominal.speed_per_twist),
+        forward=np.asarray(np.linalg.pinv(controller.nominal.speed_per_twist), float),
         action=task.action,
         scale=scale,
         resistance=robot.motor.resistance,
