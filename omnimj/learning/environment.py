@@ -63,7 +63,7 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     The seed of `reset` determines sensor noise and random motions, bit for bit. `info` holds what the policy
     must not see: `tracking_error` [m], mean over the decision, `energy` [J], true `pose` x, y [m], heading
-    [rad], and `fault_active`.
+    [rad], `planned` x, y [m], and `fault_active`.
 
     Args:
       render_mode: `rgb_array` for a map from above; None for no pictures.

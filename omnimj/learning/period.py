@@ -60,6 +60,8 @@ class Episode(NamedTuple):
     """True values aligned with `robot_truth_names`, shape (6+3n,)."""
     action: Array
     """Present action, within ±1, shape (n,); a twist takes the first three."""
+    planned: Array
+    """Present planned position, shape (2,) [m]."""
     reckoned: Array
     """Position by dead reckoning, shape (2,) [m]."""
     period: int
@@ -140,8 +142,8 @@ def account(p, e, plan, values):
     e.reckoned[0] += h * (c * x - s * y)
     e.reckoned[1] += h * (s * x + c * y)
     e.period += 1
-    planned = plan.columns[e.period]
-    e.distance = math.hypot(e.truth[0] - planned[0], e.truth[1] - planned[1])
+    e.planned[:] = plan.columns[e.period, :2]
+    e.distance = math.hypot(e.truth[0] - e.planned[0], e.truth[1] - e.planned[1])
     e.error += h * e.distance
     e.energy += h * max(power, 0.0)
     return True

@@ -71,6 +71,7 @@ class Simulation:
             cascade=self._controller.initial_fields(m),
             readings=readings,
             truth=truth,
+            planned=first,
             reckoned=first,
             last=len(self._plan.yaw_rate) - 1,
             distance=float(np.hypot(*(truth[:2] - first))),
@@ -154,6 +155,7 @@ def describe(task: Task, episodes: Record, outcome: Outcome | None = None) -> di
         "tracking_error": episodes["distance"].copy() if outcome is None else outcome.tracking_error,
         "energy": np.zeros(len(episodes)) if outcome is None else outcome.energy,
         "pose": episodes["truth"][:, :3].copy(),
+        "planned": episodes["planned"].copy(),
         "fault_active": active,
     }
 
@@ -213,6 +215,7 @@ def _blank(task: Task, controller: Controller) -> Episode:
         readings=np.zeros(2 * n + 4),
         truth=np.zeros(6 + 3 * n),
         action=np.zeros(n),
+        planned=np.zeros(2),
         reckoned=np.zeros(2),
         period=0,
         begin=0,
