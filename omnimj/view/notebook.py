@@ -133,9 +133,7 @@ def _(record: RunResult) -> Summary:
     ]
     diagnosed = table(rows, ("diagnosed", "wheels", "at")) if rows else None
     tables = (checks_table(record.scenario, metrics), diagnosed)
-    return Summary(
-        wording.title({"scenario": record.scenario.name}), verdict, kind, [line, *ended, *faults], tables
-    )
+    return Summary(wording.title(metrics or about), verdict, kind, [line, *ended, *faults], tables)
 
 
 def _spans(record: RunResult) -> list[wording.Span]:
@@ -297,7 +295,8 @@ def _(record: RobotIdentification) -> Summary:
         )
         for one in record.estimates
     ]
-    lines = [*summary(record), *(f"Not excited by the drive: {line}" for line in excitation_lines(record))]
+    open_lines = [line.removeprefix("- ") for line in excitation_lines(record)] if record.unexcited else []
+    lines = [*summary(record), *(f"Not excited by the drive: {line}" for line in open_lines)]
     found = table(rows, ("number", "value", "90 % interval", "determined by"))
     return Summary(f"Robot of {record.dataset.name}", lines=lines, tables=[found])
 
