@@ -56,14 +56,14 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `wheel_speeds`: added to the wheel-speed targets; 1 is a rim speed of 0.25 m/s
     - `currents`: set currents of the motors behind the rate limit; 1 is the largest current
 
-    Reward of a decision: −∫ e dt / 0.1 m − w E, with the distance e from the planned position and the energy
-    E that the motors draw, w = `energy_weight`. Terminated: e above `largest_error`, or a state of the
-    simulation that is not finite; the reward then counts that distance for the rest of the plan. Truncated:
-    the end of the plan.
+    Reward of a decision: −∫ (e / 0.1 m + |Δθ| / 0.1 rad) dt − w E, with the distance e from the planned
+    position, the heading error Δθ and the energy E that the motors draw, w = `energy_weight`. Terminated: e
+    above `largest_error`, or a state of the simulation that is not finite; the reward then counts that
+    distance for the rest of the plan. Truncated: the end of the plan.
 
     The seed of `reset` determines sensor noise and random motions, bit for bit. `info` holds what the policy
-    must not see: `tracking_error` [m], mean over the decision, `energy` [J], true `pose` x, y [m], heading
-    [rad], `planned` x, y [m], and `fault_active`.
+    must not see: `tracking_error` [m] and `heading_error` [rad], means over the decision, `energy` [J], true
+    `pose` and `planned` pose x, y [m], heading [rad], and `fault_active`.
 
     Args:
       render_mode: `rgb_array` for a map from above; None for no pictures.

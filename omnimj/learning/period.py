@@ -61,7 +61,7 @@ class Episode(NamedTuple):
     action: Array
     """Present action, within ±1, shape (n,); a twist takes the first three."""
     planned: Array
-    """Present planned position, shape (2,) [m]."""
+    """Present planned position [m] and heading [rad], shape (3,)."""
     reckoned: Array
     """Position by dead reckoning, shape (2,) [m]."""
     period: int
@@ -78,6 +78,8 @@ class Episode(NamedTuple):
     """Present distance from the planned position [m]."""
     error: float
     """Integral of the distance from the planned position over the present decision [m s]."""
+    turned: float
+    """Integral of the magnitude of the heading error over the present decision [rad s]."""
     energy: float
     """Electrical energy drawn in the present decision [J]."""
     observation: NDArray[np.float32]
@@ -116,7 +118,7 @@ def set_currents(p, e, plan, time):
 
 @inlined
 def account(p, e, plan, values):
-    """Count one more period: dead reckoning, distance from the plan, energy.
+    """Count one more period: dead reckoning, distance from the plan, heading error, energy.
 
     Args:
       p: `Setup`.
@@ -142,9 +144,10 @@ def account(p, e, plan, values):
     e.reckoned[0] += h * (c * x - s * y)
     e.reckoned[1] += h * (s * x + c * y)
     e.period += 1
-    e.planned[:] = plan.columns[e.period, :2]
+    e.planned[:] = plan.columns[e.period, :3]
     e.distance = math.hypot(e.truth[0] - e.planned[0], e.truth[1] - e.planned[1])
     e.error += h * e.distance
+    e.turned += h * abs(wrapped(e.truth[2] - e.planned[2]))
     e.energy += h * max(power, 0.0)
     return True
 

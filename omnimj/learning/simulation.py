@@ -26,8 +26,8 @@ from omnimj.simulate.loop import LARGEST_TRUTH
 
 RESIDUAL_VELOCITY, RESIDUAL_YAW_RATE = 0.25, 0.5
 """Twist that an action of 1 adds [m/s], [rad/s]; wheel speeds get the rim speed of the first."""
-ERROR_SCALE = 0.1
-"""Distance from the planned position that costs 1 per second [m]."""
+ERROR_SCALE, HEADING_SCALE = 0.1, 0.1
+"""Distance from the planned position [m] and heading error [rad] that cost 1 per second."""
 
 
 class Outcome(NamedTuple):
@@ -40,6 +40,8 @@ class Outcome(NamedTuple):
     """True if the plan has ended."""
     tracking_error: Array
     """Mean distance from the planned position during the decision [m]."""
+    heading_error: Array
+    """Mean magnitude of the heading error during the decision [rad]."""
     energy: Array
     """Electrical energy drawn during the decision [J]."""
 
@@ -66,15 +68,15 @@ class Simulation:
         self._plan = self.task.draw_plan(draws)
         m = self._plant.reset(int(draws.integers(2**31)))
         readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
-        first, truth = self._plan.columns[0, :2], self._plant.truth()
+        first, truth = self._plan.columns[0, :3], self._plant.truth()
         begun = _blank(self.task, self._controller)._replace(
             cascade=self._controller.initial_fields(m),
             readings=readings,
             truth=truth,
             planned=first,
-            reckoned=first,
+            reckoned=first[:2],
             last=len(self._plan.yaw_rate) - 1,
-            distance=float(np.hypot(*(truth[:2] - first))),
+            distance=float(np.hypot(*(truth[:2] - first[:2]))),
         )
         self._record[:] = packed(begun)
         self.drive()
@@ -117,7 +119,7 @@ def begin_decision(task: Task, episodes: Record, actions: Array) -> None:
       actions: Shape (robots, m); clipped to ±1.
     """
     episodes["action"][:, : task.action_size] = np.clip(actions, -1.0, 1.0)
-    episodes["error"] = episodes["energy"] = 0.0
+    episodes["error"] = episodes["turned"] = episodes["energy"] = 0.0
     episodes["begin"] = episodes["period"]
     episodes["end"] = np.minimum(episodes["period"] + task.periods, episodes["last"])
 
@@ -129,14 +131,16 @@ def judge_decision(task: Task, episodes: Record) -> Outcome:
       task: What all episodes have in common.
       episodes: Records of the robots.
     """
-    error, energy, period = episodes["error"].copy(), episodes["energy"].copy(), episodes["period"]
+    error, turned, energy = (episodes[name].copy() for name in ("error", "turned", "energy"))
+    period = episodes["period"]
     sound, left = episodes["sound"], episodes["last"] - period
     seconds = task.period * np.maximum(period - episodes["begin"], 1)
-    reward = -error / ERROR_SCALE - task.energy_weight * energy
+    reward = -error / ERROR_SCALE - turned / HEADING_SCALE - task.energy_weight * energy
     terminated = ~sound | (episodes["distance"] > task.largest_error)
     # as far away for the rest of the plan: leaving it is not rewarded
     reward -= np.where(terminated, left * (task.period * task.largest_error / ERROR_SCALE), 0.0)
-    return Outcome(reward, terminated, (left == 0) & ~terminated, error / seconds, energy)
+    ended = (left == 0) & ~terminated
+    return Outcome(reward, terminated, ended, error / seconds, turned / seconds, energy)
 
 
 def describe(task: Task, episodes: Record, outcome: Outcome | None = None) -> dict[str, Any]:
@@ -153,6 +157,7 @@ def describe(task: Task, episodes: Record, outcome: Outcome | None = None) -> di
         active |= (now >= fault.onset) & (now < (np.inf if fault.end is None else fault.end))
     return {
         "tracking_error": episodes["distance"].copy() if outcome is None else outcome.tracking_error,
+        "heading_error": np.zeros(len(episodes)) if outcome is None else outcome.heading_error,
         "energy": np.zeros(len(episodes)) if outcome is None else outcome.energy,
         "pose": episodes["truth"][:, :3].copy(),
         "planned": episodes["planned"].copy(),
@@ -215,7 +220,7 @@ def _blank(task: Task, controller: Controller) -> Episode:
         readings=np.zeros(2 * n + 4),
         truth=np.zeros(6 + 3 * n),
         action=np.zeros(n),
-        planned=np.zeros(2),
+        planned=np.zeros(3),
         reckoned=np.zeros(2),
         period=0,
         begin=0,
@@ -224,6 +229,7 @@ def _blank(task: Task, controller: Controller) -> Episode:
         sound=True,
         distance=0.0,
         error=0.0,
+        turned=0.0,
         energy=0.0,
         observation=np.zeros(len(entries(task.robot)), np.float32),
     )

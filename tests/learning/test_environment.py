@@ -83,7 +83,8 @@ def test_an_action_of_zero_leaves_the_cascade_as_it_is_bit_for_bit(plant, action
     assert truncated and not terminated and len(poses) == 31
     np.testing.assert_array_equal(poses, expected)
     error = np.hypot(trace["x"] - trace["target_x"], trace["y"] - trace["target_y"])
-    by_trace = -1e-3 * np.add.reduceat(error[1:], np.arange(0, 600, 20)) / 0.1
+    turned = np.abs(trace["heading"] - trace["target_heading"])
+    by_trace = -1e-3 * np.add.reduceat((error + turned)[1:], np.arange(0, 600, 20)) / 0.1
     np.testing.assert_allclose(rewards[1:], by_trace, rtol=1e-12)
 
 
@@ -163,7 +164,8 @@ def test_currents_drive_the_robot_along_x_and_cost_energy():
     for _ in range(10):
         _, reward, _, _, info = made.step(np.array([0.0, -0.3, 0.0, 0.3]))
     assert info["pose"][0] > 1e-3 and abs(info["pose"][1]) < 1e-3
-    assert reward == pytest.approx(-info["energy"] - 0.02 * info["tracking_error"] / 0.1)
+    away = info["tracking_error"] + info["heading_error"]
+    assert reward == pytest.approx(-info["energy"] - 0.02 * away / 0.1)
 
 
 def test_the_energy_is_that_of_currents_and_back_emf():

@@ -52,6 +52,8 @@ class Errors:
     """RMS distance from the planned position at each instant [m]."""
     path: Array
     """RMS distance from the planned path [m]."""
+    heading: Array
+    """RMS heading error [rad]."""
     energy: Array
     """Electrical energy [J]."""
 
@@ -128,21 +130,22 @@ def judge(
     options = {"plant": plant, "duration": duration, "floor": floor, "largest_error": 10.0}
     environment = gymnasium.make_vec(ENVIRONMENT, num_envs=seeds, autoreset_mode="Disabled", **options)
     observations, info = environment.reset(seed=FIRST_UNSEEN)
-    places, planned, energy = [info["pose"][:, :2]], [info["planned"]], np.zeros(seeds)
+    poses, planned, energy = [info["pose"]], [info["planned"]], np.zeros(seeds)
     ended = np.zeros(seeds, bool)
     while not ended.any():  # all missions are of one length
-        observations, _, terminated, truncated, info = environment.step(
-            act(np.tile(weights, (seeds, 1)), observations)
-        )
-        places.append(info["pose"][:, :2])
+        actions = act(np.tile(weights, (seeds, 1)), observations)
+        observations, _, terminated, truncated, info = environment.step(actions)
+        poses.append(info["pose"])
         planned.append(info["planned"])
         energy += info["energy"]
         ended = terminated | truncated
     environment.close()
-    driven, plan = np.stack(places, axis=1), np.stack(planned, axis=1)
-    away = np.linalg.norm(driven - plan, axis=2)
-    beside = np.array([distance_to_path(d, p) for d, p in zip(driven, plan, strict=True)])
-    return Errors(np.sqrt(np.mean(away**2, axis=1)), np.sqrt(np.mean(beside**2, axis=1)), energy)
+    driven, plan = np.stack(poses, axis=1), np.stack(planned, axis=1)
+    away = driven - plan
+    tracking = np.sqrt(np.mean(np.sum(away[:, :, :2] ** 2, axis=2), axis=1))
+    beside = [distance_to_path(d, p) for d, p in zip(driven[:, :, :2], plan[:, :, :2], strict=True)]
+    heading = np.sqrt(np.mean(away[:, :, 2] ** 2, axis=1))
+    return Errors(tracking, np.sqrt(np.mean(np.square(beside), axis=1)), heading, energy)
 
 
 def describe(name: str, alone: Array, learned: Array, unit: str, scale: float) -> str:
@@ -151,7 +154,7 @@ def describe(name: str, alone: Array, learned: Array, unit: str, scale: float) -
     draws = np.random.default_rng(0).integers(len(ratios), size=(2000, len(ratios)))
     low, high = np.quantile(learned[draws].mean(axis=1) / alone[draws].mean(axis=1), (0.05, 0.95))
     return (
-        f"{name:<15} {scale * alone.mean():8.2f} {scale * learned.mean():8.2f} {unit:<3}"
+        f"{name:<15} {scale * alone.mean():8.2f} {scale * learned.mean():8.2f} {unit:<4}"
         f" {learned.mean() / alone.mean():6.2f} ({low:.2f}-{high:.2f})"
         f"  smaller in {np.sum(ratios < 1.0)} of {len(ratios)}"
     )
@@ -181,6 +184,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"\n{plant}: {given.missions} other missions, cascade alone and with the policy")
         print(describe("tracking error", alone.tracking, learned.tracking, "mm", 1e3))
         print(describe("path error", alone.path, learned.path, "mm", 1e3))
+        print(describe("heading error", alone.heading, learned.heading, "mrad", 1e3))
         print(describe("energy", alone.energy, learned.energy, "J", 1.0))
     if given.out is not None:
         policy = dict(zip(WEIGHTS, weights.tolist(), strict=True))
