@@ -23,7 +23,10 @@ ROOT = PACKAGE.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 COMES_WITH = {"llvmlite": "numba", "OpenGL": "mujoco", "markupsafe": "jinja2"}  # installed with it
-MADE_FOR = {"learning": "gymnasium"}  # package whose classes are those of an extra's library
+MADE_FOR = {
+    "learning": "gymnasium",
+    "examples": "gymnasium",
+}  # folders that only those meet who have the extra
 FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
 
 

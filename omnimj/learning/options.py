@@ -21,6 +21,7 @@ from omnimj.plant.ground import Patch
 from omnimj.simulate.compiled.row import Plan
 from omnimj.simulate.plants import PLANT_NAMES, make_robot_plant
 from omnimj.simulate.scenario.drive import read_drive
+from omnimj.simulate.scenario.listing import scenario_names
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
 
 MISSIONS = "missions"
@@ -173,15 +174,7 @@ def _missions(given: Options) -> Task:
 
 
 def _of_scenario(given: Options) -> Task:
-    scenario = given.scenario
-    if not isinstance(scenario, Scenario):
-        if not isinstance(scenario, str | Path):
-            rule = f"{MISSIONS!r}, a name or a path is needed"
-            raise InputError(_place("scenario"), f"found {scenario!r}", rule)
-        length = () if given.duration is None or given.drive is not None else (given.duration,)
-        lengths = [f"duration={_number('duration', one, _DURATION)!r}" for one in length]
-        model = None if given.model is None else Path(given.model)
-        scenario = read_scenario(scenario, lengths, model, _path(given.floors))
+    scenario = _scenario(given)
     if scenario.is_rig or scenario.level != "physics":
         found = f"{scenario.name} is driven without forces or on the rig"
         raise InputError(_place("scenario"), found, "a scenario of a robot with forces is needed")
@@ -208,6 +201,25 @@ def _of_scenario(given: Options) -> Task:
         energy_weight=given.energy_weight,
     )
     return _with_own(task, given)
+
+
+def _scenario(given: Options) -> Scenario:
+    """Scenario by name or path, or one that has been read, with everything that is its own."""
+    if isinstance(given.scenario, Scenario):
+        for name in ("model", "floors", *(("duration",) if given.drive is None else ())):
+            if getattr(given, name) is not None:
+                rule = f"{given.scenario.name} has been read with its own: give its name instead"
+                raise InputError(_place(name), f"found {getattr(given, name)!r}", rule)
+        return given.scenario
+    if not isinstance(given.scenario, str | Path):
+        rule = f"{MISSIONS!r}, a name or a path is needed"
+        raise InputError(_place("scenario"), f"found {given.scenario!r}", rule)
+    name, overrides = str(given.scenario), ()
+    if Path(name).name == name and not name.endswith(".toml") and name not in scenario_names():
+        raise UnknownNameError(_place("scenario"), "scenario", name, (MISSIONS, *scenario_names()))
+    if given.duration is not None and given.drive is None:
+        overrides = (f"duration={_number('duration', given.duration, _DURATION)!r}",)
+    return read_scenario(given.scenario, overrides, _path(given.model), _path(given.floors))
 
 
 def _with_own(task: Task, given: Options) -> Task:

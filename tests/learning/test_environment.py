@@ -26,6 +26,7 @@ from omnimj.parameters import read_floors, read_robot
 from omnimj.simulate.driving import drive
 from omnimj.simulate.plants import make_robot_plant
 from omnimj.simulate.scenario.drive import read_drive
+from omnimj.simulate.scenario.scenario import read_scenario
 from omnimj.simulate.suites.missions import mission
 
 ROOT = Path(omnimj.__file__).parent.parent
@@ -194,6 +195,10 @@ def test_a_scenario_gives_drive_floor_and_faults_and_options_replace_them():
     assert task.faults and task.floor == "pvc"
     assert task.plan is not None and len(task.plan.yaw_rate) == 3001
     assert read_task(scenario="degraded_motor", faults=[]).faults == ()
+    read = read_scenario("circle_8m", ["duration=2"])
+    assert len(read_task(scenario=read).draw_plan(np.random.default_rng(0)).yaw_rate) == 2001
+    with pytest.raises(InputError, match=r"duration: found 3\.0; circle_8m has been read"):
+        read_task(scenario=read, duration=3.0)
     assert read_task(scenario="three_wheel_circle").robot.wheel_count == 3
     made = environment(scenario="three_wheel_circle", plant="planar", action="wheel_speeds", duration=0.2)
     assert made.observation_space.shape == (18,) and made.action_space.shape == (3,)
@@ -208,7 +213,7 @@ def test_a_scenario_gives_drive_floor_and_faults_and_options_replace_them():
         ({"plant": "real"}, "plant: unknown plant 'real'; choices: planar, twin"),
         ({"action": "torque"}, "action: unknown action 'torque'; choices: currents"),
         ({"scenario": "rig_slip"}, "a scenario of a robot with forces is needed"),
-        ({"scenario": "circle"}, "unknown scenario 'circle'"),
+        ({"scenario": "mission"}, "unknown scenario 'mission'; did you mean 'missions'"),
         ({"scenario": 3}, "found 3"),
         ({"faults": "slip"}, "faults: found 'slip'; a list of tables is needed"),
         ({"faults": [{"kind": "slipp"}]}, "faults.0.kind: unknown kind 'slipp'"),

@@ -7,7 +7,7 @@ error). CMA-ES searches them: each robot of a vector environment drives with one
 random missions on the planar equations. The mean of the search is then judged on other missions, there and on
 the twin.
 
-    python feed_forward.py --generations 60 --seed 1 --out policy.json
+    python feed_forward.py --generations 30 --seed 1 --out policy.json
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def describe(name: str, alone: Array, learned: Array, unit: str, scale: float) -
 def main(arguments: list[str] | None = None) -> None:
     """Train, judge, print, and write the policy."""
     parser = argparse.ArgumentParser(description="Learn a feed-forward on top of the cascade.")
-    parser.add_argument("--generations", type=int, default=60, help="generations of the search")
+    parser.add_argument("--generations", type=int, default=30, help="generations of the search")
     parser.add_argument("--seed", type=int, default=1, help="seed of the search")
     parser.add_argument("--missions", type=int, default=32, help="missions of the judgement")
     parser.add_argument("--duration", type=float, default=10.0, help="length of a mission")
