@@ -26,7 +26,7 @@ COMES_WITH = {"llvmlite": "numba", "OpenGL": "mujoco", "markupsafe": "jinja2"}  
 MADE_FOR = {
     "learning": "gymnasium",
     "examples": "gymnasium",
-}  # folders that only those meet who have the extra
+}  # folders only for those with it
 FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
 
 

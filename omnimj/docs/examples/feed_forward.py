@@ -34,7 +34,7 @@ from omnimj.simulate.metrics import distance_to_path
 
 Array = NDArray[np.float64]
 WEIGHTS = ("velocity", "velocity_change", "behind", "yaw_rate", "yaw_rate_change", "heading_error")
-CANDIDATES, FIRST_STEP = 16, 0.2
+CANDIDATES, FIRST_STEP = 16, 1.0
 FIRST_UNSEEN = 1_000_000  # training draws its seeds below
 _NAMES = [entry.name for entry in entries(read_robot())]
 
