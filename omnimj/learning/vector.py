@@ -79,7 +79,7 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         self._scenes = [Scene(self.task) for _ in self._robots]
         self._draws: list[np.random.Generator] = []
         self._seeds: list[int] = []
-        self._ended = np.zeros(self.num_envs, bool)
+        self._ended, self._has_begun = np.zeros(self.num_envs, bool), False
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore
@@ -108,15 +108,18 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
 
         Raises:
           InputError: Not one seed per robot, or a mask of another kind.
+          ResetNeeded: A mask that leaves robots out before the first reset.
         """
         mask = _reset_mask(options, self.num_envs)
+        if not (self._has_begun or mask.all()):
+            raise ResetNeeded("no episode has begun: call reset without a mask first")
         self._have_generators()
         for k, one in enumerate(_seeds(seed, self.num_envs)):
             if mask[k] and one is not None:
                 self._draws[k], self._seeds[k] = seeding.np_random(one)
         begun = np.flatnonzero(mask).tolist()
         map_in_threads(self._begin, begun, self._threads)
-        self._ended[mask] = False
+        self._ended[mask], self._has_begun = False, True
         infos: dict[str, Any] = {}
         for name, rows in describe(self.task, self._episodes).items():
             infos[name] = np.where(_like(mask, rows), rows, np.zeros_like(rows))
@@ -139,7 +142,7 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
           ResetNeeded: Before the first reset, or after the end of an episode with `Disabled`.
         """
         actions = checked_action(actions, (self.num_envs, self.task.action_size))
-        if not self._draws or (self._mode is AutoresetMode.DISABLED and self._ended.any()):
+        if not self._has_begun or (self._mode is AutoresetMode.DISABLED and self._ended.any()):
             raise ResetNeeded("an episode has ended or none has begun: call reset first")
         begun = self._ended.copy()  # in the mode NEXT_STEP
         begin_decision(self.task, self._episodes, actions)

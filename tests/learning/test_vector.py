@@ -123,6 +123,11 @@ def test_a_bad_option_is_one_clear_line(options, message):
 
 def test_bad_seeds_masks_and_actions_are_refused():
     many = vector(2)
+    assert len(many.np_random) == 2
+    with pytest.raises(ResetNeeded):
+        many.step(np.zeros((2, 3)))
+    with pytest.raises(ResetNeeded):
+        many.reset(options={"reset_mask": np.array([True, False])})
     with pytest.raises(InputError, match="seed: found 1 seeds; 2 are needed"):
         many.reset(seed=[1])
     with pytest.raises(InputError, match="reset_mask"):
