@@ -5,12 +5,16 @@ Wheels are numbered 1…n in files and messages, 0…n−1 in arrays.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from omnimj.display import Displayed
+from omnimj.errors import MissingLibrary
 
 Array = NDArray[np.float64]
 
@@ -141,8 +145,12 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
-    """One run as columns, one row per control step (the columns of `trace.parquet`)."""
+class Trace(Displayed):
+    """One run as columns, one row per control step (the columns of `trace.parquet`).
+
+    `trace["x"]` and `trace.wheels("current")` are NumPy arrays; `plot("x", "current")` draws columns.
+    Libraries that read Arrow take a trace as it is: `polars.DataFrame(trace)`, `pyarrow.table(trace)`.
+    """
 
     columns: Mapping[str, Array]
     """Column name to array of shape (k,)."""
@@ -164,13 +172,36 @@ class Trace:
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 
+    def to_arrow(self) -> Any:
+        """A `pyarrow.Table` of the columns, without a copy, with `about` as JSON in its metadata."""
+        import pyarrow
+
+        metadata = {"omnimj": json.dumps(dict(self.about))}
+        return pyarrow.table(dict(self.columns), metadata=metadata)
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        """Arrow's interface between libraries, by which they read a trace."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame` of the columns, indexed by `time`.
 
         Raises:
-          ImportError: pandas is not installed; omnimj does without it.
+          MissingLibrary: pandas is not installed.
         """
         return to_frame(self.columns)
+
+    def to_polars(self) -> Any:
+        """A `polars.DataFrame` of the columns.
+
+        Raises:
+          MissingLibrary: polars is not installed.
+        """
+        try:
+            import polars
+        except ModuleNotFoundError:
+            raise MissingLibrary("to_polars", "polars", "polars") from None
+        return polars.from_arrow(self.to_arrow())
 
 
 def true_stretches(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -187,10 +218,12 @@ def to_frame(columns: Mapping[str, Any]) -> Any:
     """A `pandas.DataFrame` of columns of equal length, indexed by `time` where there is such a column.
 
     Raises:
-      ImportError: pandas is not installed; omnimj does without it.
+      MissingLibrary: pandas is not installed.
     """
-    import pandas
-
+    try:
+        import pandas
+    except ModuleNotFoundError:
+        raise MissingLibrary("to_pandas", "pandas", "pandas") from None
     frame = pandas.DataFrame(dict(columns))
     return frame.set_index("time") if "time" in frame else frame
 

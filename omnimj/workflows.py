@@ -1,7 +1,7 @@
 """Functions for the main jobs: they do what the commands of the same names do, without files and terminal.
 
-Each takes names or paths, reads the files, and returns a record. Less common options are offered by the
-packages that do the work.
+Each takes names or paths, reads the files, and returns a record, which a notebook shows as a table and whose
+`plot` draws it. Less common options are offered by the packages that do the work.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.diagnosis.calibration import Calibration
 from omnimj.diagnosis.calibration import calibrate as calibrate_dataset
 from omnimj.diagnosis.logs import read_machine, resolve_method
-from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis, check_config
+from omnimj.diagnosis.replay import DiagnosedRuns, DiagnosisConfig, check_config
 from omnimj.diagnosis.replay import diagnose as diagnose_dataset
 from omnimj.estimate.drives.records import DriveValidation
 from omnimj.estimate.drives.validate import validate_drives
@@ -196,7 +196,7 @@ def diagnose(
     floors: Path | str | None = None,
     thresholds: Thresholds | None = None,
     accept: bool = False,
-) -> tuple[RunDiagnosis, ...]:
+) -> DiagnosedRuns:
     """Diagnose recorded runs of the robot or the rig, without any plant.
 
     Args:
@@ -208,7 +208,7 @@ def diagnose(
       accept: Whether to go on with logs in which time, a unit or a sign is wrong throughout.
 
     Returns:
-      One record per run: its diagnoses, and a trace with the method's columns.
+      A tuple with one record per run: its diagnoses, and a trace with the method's columns.
 
     Raises:
       InputError: The method is not for this machine, or a run is sampled too slowly.
@@ -219,7 +219,7 @@ def diagnose(
     sound, _ = sound_logs(config.dataset, config.machine.constants, accept)
     config = replace(config, dataset=sound)
     check_config(config)
-    return tuple(diagnose_dataset(config))
+    return DiagnosedRuns(diagnose_dataset(config))
 
 
 def calibrate(

@@ -23,6 +23,10 @@ ROOT = PACKAGE.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 COMES_WITH = {"llvmlite": "numba", "OpenGL": "mujoco", "markupsafe": "jinja2"}  # installed with it
+MADE_FOR = {
+    "learning": "gymnasium",
+    "examples": "gymnasium",
+}  # folders only for those with it
 FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
 
 
@@ -173,7 +177,10 @@ def imports_in(node: ast.AST, late: bool = False) -> Iterator[tuple[ast.Import |
 
 
 def test_every_library_that_is_imported_is_declared():
-    """Those of an optional extra only where a function imports them: others never meet them."""
+    """Those of an optional extra only where a function imports them, or in the package made for one.
+
+    Others never meet them.
+    """
     project = PROJECT["project"]
     declared = {_library(one) for one in project["dependencies"]}
     extras = {
@@ -190,7 +197,7 @@ def test_every_library_that_is_imported_is_declared():
                 names = [str(node.module)]
             for name in {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - {"omnimj"}:
                 library = COMES_WITH.get(name, name)
-                known = declared | extras if late else declared
+                known = declared | extras if late or library == MADE_FOR.get(source.parent.name) else declared
                 assert known & {one.lower() for one in installs.get(library, [library])}, (source, name)
 
 

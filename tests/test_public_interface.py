@@ -88,11 +88,24 @@ def test_a_dataset_is_recorded_and_read_back_diagnosed_and_identified(tmp_path):
     dataset = omnimj.record("rig_currents", tmp_path / "data", repeats=1, plant="planar")
     assert dataset.plant == "quarter_rig" and len(dataset.runs) > 3
     few = dataclasses.replace(dataset, runs=[run for run in dataset.runs if run.name.startswith("pvc")][-2:])
-    diagnosed, _ = omnimj.diagnose(few)
+    runs = omnimj.diagnose(few)
+    diagnosed, _ = runs
     assert diagnosed.name == few.runs[0].name and len(diagnosed.trace["time"]) == len(few.runs[0].time)
-    frame = omnimj.identify(few).to_pandas()
+    identified = omnimj.identify(few)
+    frame = identified.to_pandas()
     assert set(frame["floor"]) == {"pvc"} and "sigma_0" in set(frame["parameter"])
-    assert omnimj.validate(few, plants=("planar",)).cells[0].rms["planar"] < 0.05
+    validated = omnimj.validate(few, plants=("planar",))
+    assert validated.cells[0].rms["planar"] < 0.05
+    for record, words in (
+        (runs, ("Diagnosed runs", diagnosed.name)),
+        (diagnosed, (f"Run {diagnosed.name}", "nothing found")),
+        (identified, ("Floors of data", "bristle stiffness")),
+        (validated, ("Validation on data", "RMS error, planar")),
+    ):
+        assert all(word in record._repr_html_() for word in words)
+    for record in (diagnosed, identified, validated):
+        assert record.plots and len(record.plot(*record.plots[:2]).children) >= 1
+    assert "pvc-level" in identified.plots and runs.plots == ()
 
 
 def test_records_become_frames():

@@ -44,6 +44,10 @@ class Effort:
     """Frames per round of the codec."""
     trips: int = 5000
     """Round trips over each wire."""
+    decisions: int = 20
+    """Decisions of each of the robots side by side per round."""
+    decision_rounds: int = 60
+    """Rounds of such decisions; the shortest time counts."""
 
 
 EFFORT = Effort()
@@ -92,6 +96,12 @@ _MEANING = {
     "serial_bare_echo_p99_us": "the same, 99 % [µs]",
     "serial_bare_echo_max_us": "the same, the longest [µs]",
     "serial_round_trip_ratio": "median of frames / of bare bytes",
+    "environment_decisions_per_second": "decisions of 20 ms of 16 twins side by side, all cores",
+    "environment_threads_speedup": "the same on two threads / one (goal ≥ 1.8 on an idle machine)",
+    "environment_single_decisions_per_second": "decisions of the environment with one twin",
+    "environment_planar_decisions_per_second": "decisions of 20 ms of 16 planar robots, all cores",
+    "environment_planar_threads_speedup": "the same on two threads / one",
+    "environment_planar_single_decisions_per_second": "decisions of the environment with one planar robot",
 }
 
 
@@ -108,6 +118,7 @@ def run(arguments: Any) -> int:
     """
     from omnimj.bench.control import measure_control
     from omnimj.bench.gap import measure_gap
+    from omnimj.bench.learning import measure_environments
     from omnimj.bench.link import measure_link
     from omnimj.bench.logs import measure_logs
     from omnimj.bench.twin import measure_driving, measure_run, measure_twin
@@ -122,6 +133,7 @@ def run(arguments: Any) -> int:
         "logs": lambda: measure_logs(EFFORT.log),
         "gap": lambda: measure_gap(EFFORT.gap_runs, EFFORT.gap_axis_runs),
         "link": lambda: measure_link(EFFORT.frames, EFFORT.trips),
+        "environments": lambda: measure_environments(EFFORT.decisions, EFFORT.decision_rounds),
     }
     with progress_bar(arguments) as bar:
         for k, (name, measure) in enumerate(parts.items()):

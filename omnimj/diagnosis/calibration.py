@@ -22,6 +22,7 @@ from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Threshol
 from omnimj.diagnosis.detectable_loss import LossInformation
 from omnimj.diagnosis.model_misfit import ModelMisfit, Place, misfit, raised_thresholds
 from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, RunDiagnosis, replay, sample_run
+from omnimj.display import Displayed
 from omnimj.errors import InputError
 from omnimj.signals import Array
 
@@ -144,7 +145,7 @@ class CalibratedThreshold:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Displayed):
     """Result of a calibration."""
 
     rate: float

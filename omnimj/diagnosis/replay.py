@@ -40,6 +40,7 @@ from omnimj.diagnosis.logs import (
     rows_at,
 )
 from omnimj.diagnosis.model_fit import DoesNotFit, judge_fit
+from omnimj.display import Displayed
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor, Robot
 from omnimj.recording.dataset import Dataset, Run
@@ -79,7 +80,7 @@ later."""
 
 
 @dataclass(frozen=True)
-class RunDiagnosis:
+class RunDiagnosis(Displayed):
     """Result of the diagnosis of one run."""
 
     name: str
@@ -96,6 +97,14 @@ class RunDiagnosis:
     """Where the model does not fit the run; no hardware is named then."""
     withheld: tuple[Diagnosis, ...] = ()
     """Diagnoses that are not trusted since the model does not fit."""
+    method: str = ""
+    """Name of the detection method; empty: unknown."""
+
+
+class DiagnosedRuns(tuple[RunDiagnosis, ...], Displayed):
+    """Diagnoses of the runs of a dataset, a tuple in the order of the runs."""
+
+    __slots__ = ()
 
 
 def sample_run(run: Run, machine: Machine) -> SampledRun:
@@ -322,7 +331,8 @@ def diagnose(config: DiagnosisConfig, progress: DatasetProgress | None = None) -
                 progress(min(first + done, first + rows), total, name)
 
         report(0)
-        yield replay(run, samples, config.machine, detector, report)
+        found = replay(run, samples, config.machine, detector, report)
+        yield dataclasses.replace(found, method=config.method)
         before += len(run.time)
 
 

@@ -77,9 +77,10 @@ _CALLED_PACKAGES = {
     "control": (*_EQUATIONS, "control"),
     "simulate": (*_EQUATIONS, "plant", "control", "simulate"),
     "estimate": (*_EQUATIONS, "plant", "control", "estimate"),
+    "learning": (*_EQUATIONS, "plant", "control", "simulate", "learning"),
 }
 # of these packages only files with kernels count; the others change often
-_GUEST_PACKAGES = ("simulate", "estimate")
+_GUEST_PACKAGES = ("simulate", "estimate", "learning")
 _DEFAULT_PACKAGE = "estimate"  # of kernels elsewhere, as in tests, which may call any of them
 KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
 _DAMAGED = (

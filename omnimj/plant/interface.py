@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.parameters import Floor
+from omnimj.parameters.floor import find_floor
 from omnimj.signals import RIG_CHANNELS, Array, CurrentCommand, Measurement, RigMeasurement, robot_channels
 
 
@@ -20,7 +26,7 @@ class Plant(Protocol):
     """Column names of `truth()`."""
 
     def reset(self) -> Measurement | RigMeasurement:
-        """Put the plant at its start and return the first measurement (time 0)."""
+        """Put the plant at its start and return the first measurement (time 0); comes before `step`."""
         ...
 
     def step(self, command: CurrentCommand) -> Measurement | RigMeasurement:
@@ -67,3 +73,39 @@ RIG_TRUTH_NAMES: tuple[str, ...] = (
 def plant_channels(wheels: int) -> tuple[str, ...]:
     """Measured channels of a plant with n wheels; a single wheel means the test rig."""
     return RIG_CHANNELS if wheels == 1 else robot_channels(wheels)
+
+
+def commanded_currents(command: CurrentCommand, wheels: int, steps: int) -> Array:
+    """Set currents of a command, shape (wheels,) [A].
+
+    Args:
+      command: Command of a user's own loop, or of a controller.
+      wheels: Number of wheels of the plant.
+      steps: Control periods since the start; negative before the first reset.
+
+    Raises:
+      InputError: Another number of currents, or a plant that has not been reset.
+    """
+    if steps < 0:
+        raise InputError("step", "the plant has not been reset", "call reset() before the first step")
+    try:
+        current = np.asarray(command.current, float)
+    except (TypeError, ValueError):
+        raise InputError("command", f"found {command.current!r}", "numbers are needed") from None
+    if current.shape != (wheels,):
+        rule = "one is needed" if wheels == 1 else f"{wheels} are needed, one per wheel"
+        raise InputError("command", f"found {current.size} currents", rule)
+    return np.ascontiguousarray(current)
+
+
+def given_floor(floor: Floor | str, floors: Mapping[str, Floor]) -> Floor:
+    """Floor as such or by its name.
+
+    Args:
+      floor: The floor, or its name in `floors`.
+      floors: Known floors by name.
+
+    Raises:
+      UnknownNameError: No such floor; the message lists the known ones.
+    """
+    return floor if isinstance(floor, Floor) else find_floor(floor, "floor", floors)

@@ -19,7 +19,7 @@ from omnimj.physics.native import kernel
 from omnimj.physics.planar_wheel import POSITION_X, POSITION_Y
 from omnimj.plant.faults import Conditions, Fault
 from omnimj.plant.ground import Ground, Patch, floor_at
-from omnimj.plant.interface import robot_truth_names
+from omnimj.plant.interface import commanded_currents, given_floor, robot_truth_names
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.plant.sensors import RobotSensors
 from omnimj.plant.stages import StagedPlant, timeline
@@ -137,7 +137,7 @@ class PlanarRobot(StagedPlant):
     def __init__(
         self,
         robot: Robot,
-        floor: str,
+        floor: Floor | str,
         *,
         faults: Sequence[Fault] = (),
         patches: Sequence[Patch] = (),
@@ -152,7 +152,7 @@ class PlanarRobot(StagedPlant):
 
         Args:
           robot: Constants of the robot, with its effects.
-          floor: Name of the hall's floor.
+          floor: Floor of the hall, or its name.
           faults: Faults of the run.
           patches: Patches of other floors; the centre of a wheel determines the floor under it.
           start: x, y [m] and heading [rad] in the world.
@@ -174,7 +174,9 @@ class PlanarRobot(StagedPlant):
         self.period = 1.0 / robot.sensors.sample_rate
         self.truth_names = robot_truth_names(n)
         self._start, self._published = start, published
-        self._ground = Ground(floor, patches, effects.floors(read_floors() if floors is None else floors))
+        floors = read_floors() if floors is None else floors
+        hall = given_floor(floor, floors)
+        self._ground = Ground(hall.name, patches, effects.floors({**floors, hall.name: hall}))
         self._terms = effects.terms
         self._stages = [
             self._stage(robot, begin, now)
@@ -185,7 +187,7 @@ class PlanarRobot(StagedPlant):
         )
         self._row, self._output_row = np.zeros(planar.state_size(n)), np.zeros(planar.output_size(n))
         self._state, self._floors = planar.planar_state(self._row), np.zeros((n, TRACTION_SIZE))
-        self._steps, self._at = np.array([0]), 0
+        self._steps, self._at = np.array([-1]), 0
         self._braked: tuple[int, ...] = ()
         self._enter(0)
 
@@ -195,12 +197,16 @@ class PlanarRobot(StagedPlant):
         )
         return _RobotStage(begin, constants, now.motor_rows, self._ground.replacements(now.floors))
 
-    def reset(self) -> Measurement:
-        """Put the robot at rest at its start and return the first measurement; the noise is repeated."""
+    def reset(self, seed: int | None = None) -> Measurement:
+        """Put the robot at rest at its start and return the first measurement.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         self._steps[0], self._braked = 0, ()
         self._row[:] = 0.0
         self._state.pose[:] = self._start
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._enter(0)
         self.prepare_step()
         # forces at rest, for truth and accelerometer
@@ -212,15 +218,13 @@ class PlanarRobot(StagedPlant):
         """Hold the command for one period and return the measurement at its end.
 
         Raises:
-          InputError: A command of the wrong length.
+          InputError: Another number of currents than wheels, or a step before the first `reset`.
         """
-        if len(command.current) != self._wheels:
-            found = f"found {len(command.current)} currents"
-            raise InputError("command", found, f"{self._wheels} are needed, one per wheel")
+        current = commanded_currents(command, self._wheels, int(self._steps[0]))
         self.prepare_step()
         if command.brake != self._braked:
             self._brake(command.brake)
-        return self._measured(step_planar(self._arrays, np.ascontiguousarray(command.current, float)))
+        return self._measured(step_planar(self._arrays, current))
 
     @compiled_in("planar")
     def truth(self) -> Array:

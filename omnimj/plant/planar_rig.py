@@ -17,7 +17,7 @@ from omnimj.physics.native import kernel
 from omnimj.physics.wheel import packed, store
 from omnimj.plant.faults import Conditions, Fault
 from omnimj.plant.ground import Ground
-from omnimj.plant.interface import RIG_TRUTH_NAMES
+from omnimj.plant.interface import RIG_TRUTH_NAMES, commanded_currents, given_floor
 from omnimj.plant.planar import SUBSTEPS
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.plant.sensors import RigSensors
@@ -114,7 +114,7 @@ class PlanarRig(StagedPlant):
     def __init__(
         self,
         constants: Rig,
-        floor: str,
+        floor: Floor | str,
         *,
         mass: float | None = None,
         lateral_speed: float = 0.0,
@@ -129,7 +129,7 @@ class PlanarRig(StagedPlant):
 
         Args:
           constants: Constants of the rig, with its effects.
-          floor: Name of the floor.
+          floor: The floor, or its name.
           mass: Mass m_T of the quarter body [kg]; the first of the rig's masses when None.
           lateral_speed: Lateral speed of the gantry [m/s].
           faults: Faults of the run.
@@ -155,7 +155,9 @@ class PlanarRig(StagedPlant):
                 raise UnknownNameError(f"faults.{k}.kind", "fault of the rig", fault.kind, RIG_FAULTS)
         self.period = 1.0 / constants.sensors.sample_rate
         self._lateral_speed, self._published = float(lateral_speed), published
-        self._ground = Ground(floor, (), effects.floors(read_floors() if floors is None else floors))
+        floors = read_floors() if floors is None else floors
+        hall = given_floor(floor, floors)
+        self._ground = Ground(hall.name, (), effects.floors({**floors, hall.name: hall}))
         self.effect_terms: Array = effects.terms[0]
         """Packed effect terms of the wheel, which every step reads, shape (TERMS,)."""
         self._stages = [
@@ -166,7 +168,7 @@ class PlanarRig(StagedPlant):
             constants.sensors, constants.motor, self.period, seed, faults, ideal_sensors, effects.channels
         )
         self._state, self._output = np.zeros(rig.STATE), np.zeros(rig.OUTPUT)
-        self._steps, self._at = np.array([0]), 0
+        self._steps, self._at = np.array([-1]), 0
         self._enter(0)
 
     def _stage(self, constants: Rig, mass: float, terms: Array, begin: float, now: Conditions) -> _RigStage:
@@ -176,11 +178,15 @@ class PlanarRig(StagedPlant):
         floor = replacements[0] if replaced[0] else self._ground.rows[0]
         return _RigStage(begin, (own, now.motor_rows[0], floor, terms))
 
-    def reset(self) -> RigMeasurement:
-        """Put the rig at rest at the start of the rail, with the gantry moving; the noise is repeated."""
+    def reset(self, seed: int | None = None) -> RigMeasurement:
+        """Put the rig at rest at the start of the rail, with the gantry moving.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         self._steps[0] = 0
         self._state[:] = 0.0
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._enter(0)
         self.prepare_step()
         # forces at rest, for truth and accelerometer
@@ -197,12 +203,11 @@ class PlanarRig(StagedPlant):
         """Hold the command for one period and return the measurement at its end.
 
         Raises:
-          InputError: A command that is not exactly one current.
+          InputError: A command that is not exactly one current, or a step before the first `reset`.
         """
-        if len(command.current) != 1:
-            raise InputError("command", f"found {len(command.current)} currents", "one is needed")
+        current = commanded_currents(command, 1, int(self._steps[0]))
         self.prepare_step()
-        return self._measured(step_planar_rig(self._arrays, float(command.current[0])))
+        return self._measured(step_planar_rig(self._arrays, float(current[0])))
 
     @compiled_in("planar_rig")
     def truth(self) -> Array:

@@ -43,9 +43,13 @@ class _MachineSensors:
 
     _channels: _Channels
 
-    def reset(self) -> None:
-        """Return to the start of the run, so that the noise is repeated."""
-        self._channels.reset()
+    def reset(self, seed: int | None = None) -> None:
+        """Return to the start of the run, with the noise of a seed; the same noise again when None.
+
+        Raises:
+          InputError: A seed that is not a whole number of at least 0.
+        """
+        self._channels.reset(seed)
 
     @property
     def chain(self) -> chain.SensorChain:
@@ -210,9 +214,7 @@ class _Channels:
         ideal: bool,
         changes: Mapping[str, ChannelEffect] | None,
     ):
-        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-            raise InputError("seed", f"found {seed!r}", "must be a whole number of at least 0")
-        self._seed = int(seed)
+        self._seed = _checked_seed(seed)
         self._channels = [_ideal(channel) if ideal else channel for channel in channels]
         acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
         self._faults = [_sensor_fault(f, names) for f in acting]
@@ -231,8 +233,10 @@ class _Channels:
         seeds = (np.random.SeedSequence(self._seed, spawn_key=key) for key in keys)
         return [np.random.Generator(np.random.PCG64(s)) for s in seeds]
 
-    def reset(self) -> None:
-        """Return to the start of the run, so that the random numbers are repeated."""
+    def reset(self, seed: int | None = None) -> None:
+        """Return to the start of the run, with the random numbers of a seed; the same again when None."""
+        if seed is not None:
+            self._seed = _checked_seed(seed)
         self._generators = self._streams()
         streams = zip(self._channels, self._generators, strict=False)
         states = [_start(channel, *g.standard_normal(2)) for channel, g in streams]
@@ -258,6 +262,12 @@ class _Channels:
         """Readings of `values` at a time [s], a new array of shape (c,)."""
         self.refill()
         return chain.read_sensors(self.chain, time, self.values)
+
+
+def _checked_seed(seed: int) -> int:
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise InputError("seed", f"found {seed!r}", "must be a whole number of at least 0")
+    return int(seed)
 
 
 def _packed_effects(names: Sequence[str], changes: Mapping[str, ChannelEffect], period: float) -> Array:

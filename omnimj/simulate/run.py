@@ -15,6 +15,7 @@ from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
+from omnimj.display import Displayed
 from omnimj.errors import InputError
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.plant.faults import Fault
@@ -53,7 +54,7 @@ class PoseTrack:
 
 
 @dataclass(frozen=True)
-class RunResult:
+class RunResult(Displayed):
     """Result of `run_scenario`."""
 
     scenario: Scenario

@@ -19,6 +19,7 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 MEASURED = (
     "omnimj.bench.control.measure_control",
     "omnimj.bench.gap.measure_gap",
+    "omnimj.bench.learning.measure_environments",
     "omnimj.bench.link.measure_link",
     "omnimj.bench.logs.measure_logs",
     "omnimj.bench.twin.measure_driving",
@@ -80,6 +81,8 @@ def printed_json() -> dict[str, float]:
         gap_axis_runs=1,
         frames=50,
         trips=300,
+        decisions=2,
+        decision_rounds=2,
     )
     printed = io.StringIO()
     with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(printed):

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnimj.display import Displayed
 from omnimj.signals import Array
 
 
@@ -95,7 +96,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class DriveValidation:
+class DriveValidation(Displayed):
     """Measured drives of a robot and their simulation."""
 
     dataset: Path

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.display import Displayed
 from omnimj.effects import Interval
 from omnimj.estimate.replay.steady.traction import TractionCurves
 from omnimj.signals import Array
@@ -134,7 +135,7 @@ class Overlay:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Displayed):
     """Complete outcome of the gap workflow; `gap.json` is its digest, `report.html` its report."""
 
     dataset: str

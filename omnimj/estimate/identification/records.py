@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from omnimj.display import Displayed
 from omnimj.signals import Array, to_frame
 
 PARAMETERS = ("mu_c", "mu_s", "V_s", "sigma_0", "sigma_1", "sigma_2")
@@ -132,7 +133,7 @@ class IdentifiedFloor:
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Displayed):
     """All floors of one dataset."""
 
     dataset: Path
@@ -198,7 +199,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Validation:
+class Validation(Displayed):
     """Validation table and the runs behind it."""
 
     dataset: Path

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnimj.display import Displayed
 from omnimj.estimate.robot.fit import RobotFit
 from omnimj.parameters import Robot
 from omnimj.signals import Array
@@ -82,7 +83,7 @@ class FloorCreep:
 
 
 @dataclass(frozen=True)
-class RobotIdentification:
+class RobotIdentification(Displayed):
     """All that the logs of a robot say about it."""
 
     dataset: Path

@@ -15,7 +15,7 @@ from omnimj.parameters import Floor, Rig, Robot, read_floors
 from omnimj.physics.motor import SHORTED
 from omnimj.plant.faults import Fault
 from omnimj.plant.ground import Patch
-from omnimj.plant.interface import RIG_TRUTH_NAMES, robot_truth_names
+from omnimj.plant.interface import RIG_TRUTH_NAMES, commanded_currents, given_floor, robot_truth_names
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.assembly import bind_effects, rest_depth, rig_model, robot_model
 from omnimj.plant.mujoco.callback import install
@@ -45,6 +45,12 @@ class RigTwin:
     """Quarter test rig in MuJoCo, a `Plant` with one wheel.
 
     The gantry has its commanded lateral speed from the start.
+
+    ```
+    twin = RigTwin(read_rig(), "pvc", seed=1)
+    measurement = twin.reset()
+    measurement = twin.step(CurrentCommand([0.9]))      # one sample period, 1 ms
+    ```
     """
 
     truth_names = RIG_TRUTH_NAMES
@@ -52,7 +58,7 @@ class RigTwin:
     def __init__(
         self,
         rig: Rig,
-        floor: Floor,
+        floor: Floor | str,
         mass: float | None = None,
         lateral_speed: float = 0.0,
         faults: Sequence[Fault] = (),
@@ -67,7 +73,7 @@ class RigTwin:
 
         Args:
           rig: Constants of the rig, with effects.
-          floor: Floor outside the patches.
+          floor: Floor outside the patches, or its name.
           mass: Mass m_T of the quarter body [kg]; the first of the rig's masses when None.
           lateral_speed: Commanded speed of the gantry [m/s].
           faults: Faults of the run, hidden from controllers.
@@ -83,7 +89,8 @@ class RigTwin:
         rig = effects.machine
         mass = (rig.rig.masses[0] if mass is None else mass) + effects.added_mass
         self.period = 1.0 / rig.sensors.sample_rate
-        floors = effects.floors(read_floors() if floors is None else floors)
+        floors = read_floors() if floors is None else floors
+        floor, floors = given_floor(floor, floors), effects.floors(floors)
         self.mj_model = rig_model(
             rig, effects.floor(floor), mass, fault_floors(faults), patches, lean=True, floors=floors
         )
@@ -126,7 +133,7 @@ class RigTwin:
             qacc=d.qacc,
             gravity=m.opt.gravity,
             sensed=d.sensor("wheel_1_contact").data,
-            steps=np.array([0]),
+            steps=np.array([-1]),
             values=self._sensors.values,
             sensors=self._sensors.chain,
         )
@@ -146,8 +153,12 @@ class RigTwin:
             self._schedule.apply(int(self._arrays.steps[0]) * self.period)
         self._sensors.refill()
 
-    def reset(self) -> RigMeasurement:
-        """Put the carriage at its start, with the gantry moving, and return the measurement at time 0."""
+    def reset(self, seed: int | None = None) -> RigMeasurement:
+        """Put the carriage at its start, with the gantry moving, and return the measurement at time 0.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         d = self.mj_data
         mujoco.mj_resetData(self.mj_model, d)
         self._schedule.start()
@@ -155,7 +166,7 @@ class RigTwin:
         if self._lateral_speed:
             self._settle(int(self._arrays.joints[GANTRY]))
         mujoco.mj_forward(self.mj_model, d)
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._arrays = self._arrays._replace(sensors=self._sensors.chain)
         self._arrays.steps[0] = 0
         return self._measure()
@@ -182,9 +193,14 @@ class RigTwin:
 
     @compiled_in("rig_twin")
     def step(self, command: CurrentCommand) -> RigMeasurement:
-        """Hold the command for one sample period and return the measurement at its end."""
+        """Hold the command for one sample period and return the measurement at its end.
+
+        Raises:
+          InputError: A command that is not exactly one current, or a step before the first `reset`.
+        """
+        current = commanded_currents(command, 1, int(self._arrays.steps[0]))
         self.prepare_step()
-        self.mj_data.ctrl[0] = command.current[0]
+        self.mj_data.ctrl[0] = current[0]
         self.mj_data.ctrl[1] = self._lateral_speed
         mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
         self._arrays.steps[0] += 1
@@ -213,6 +229,13 @@ class RigTwin:
 class RobotTwin:
     """Robot with rollers, suspension, motors and sensors in MuJoCo, a `Plant`.
 
+    ```
+    twin = RobotTwin(read_robot(), "pvc", seed=1)
+    measurement = twin.reset()
+    measurement = twin.step(CurrentCommand([0.0, -0.8, 0.0, 0.8]))      # one control period, 1 ms
+    dict(zip(twin.truth_names, twin.truth()))                           # what no controller may see
+    ```
+
     Accelerations, slip and forces refer to the start of the last simulation step, as MuJoCo computes them;
     positions and speeds refer to its end.
     """
@@ -220,7 +243,7 @@ class RobotTwin:
     def __init__(
         self,
         robot: Robot,
-        floor: Floor,
+        floor: Floor | str,
         faults: Sequence[Fault] = (),
         patches: Sequence[Patch] = (),
         seed: int = 0,
@@ -235,7 +258,7 @@ class RobotTwin:
 
         Args:
           robot: Constants of the robot, with effects.
-          floor: Floor outside the patches.
+          floor: Floor outside the patches, or its name.
           faults: Faults of the run, hidden from controllers.
           patches: Patches of other floors.
           seed: Seed of the sensor noise.
@@ -252,12 +275,13 @@ class RobotTwin:
         self.period = 1.0 / robot.sensors.sample_rate
         self._wheels = len(robot.wheels)
         self.truth_names = robot_truth_names(self._wheels)
+        floors = read_floors() if floors is None else floors
         self.mj_model = robot_model(
             robot,
-            effects.floor(floor),
+            effects.floor(given_floor(floor, floors)),
             patches,
             fault_floors(faults),
-            floors=effects.floors(read_floors() if floors is None else floors),
+            floors=effects.floors(floors),
             scene=scene,
             lean=True,
         )
@@ -314,7 +338,7 @@ class RobotTwin:
             gyro=self.mj_data.sensor("gyro").data,
             sensed=block.reshape(self._wheels, fields)[:, :3].T,
             turns=np.array([self._start[2], 0.0]),
-            steps=np.array([0]),
+            steps=np.array([-1]),
             values=self._sensors.values,
             sensors=self._sensors.chain,
         )
@@ -335,8 +359,12 @@ class RobotTwin:
             self._arrays.braked[:] = 0  # the schedule overwrites whole motors
         self._sensors.refill()
 
-    def reset(self) -> Measurement:
-        """Put the robot at rest at its start and return the measurement at time 0."""
+    def reset(self, seed: int | None = None) -> Measurement:
+        """Put the robot at rest at its start and return the measurement at time 0.
+
+        Args:
+          seed: Seed of the sensor noise from now on; when None, the noise of the last run is repeated.
+        """
         mujoco.mj_resetData(self.mj_model, self.mj_data)
         self._schedule.start()
         x, y, heading = self._start
@@ -344,18 +372,23 @@ class RobotTwin:
         self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
         self.mj_data.qpos[self._guides_at] = self._guides
         mujoco.mj_forward(self.mj_model, self.mj_data)
-        self._sensors.reset()
+        self._sensors.reset(seed)
         self._arrays = self._arrays._replace(sensors=self._sensors.chain)
         self._arrays.turns[:], self._arrays.steps[0], self._arrays.braked[:] = (heading, 0.0), 0, 0
         return self._measure()
 
     @compiled_in("twin")
     def step(self, command: CurrentCommand) -> Measurement:
-        """Hold the command for one control period and return the measurement at its end."""
+        """Hold the command for one control period and return the measurement at its end.
+
+        Raises:
+          InputError: Another number of currents than wheels, or a step before the first `reset`.
+        """
+        current = commanded_currents(command, self._wheels, int(self._arrays.steps[0]))
         self.prepare_step()
         if command.brake or self._arrays.braked.any():
             self._brake(command.brake)
-        self.mj_data.ctrl[:] = command.current
+        self.mj_data.ctrl[:] = current
         mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
         self._arrays.steps[0] += 1
         return self._measure()

@@ -22,7 +22,8 @@ DURATION = 20.0
 """Duration of a mission [s]."""
 
 _FLOORS = ("natural_stone", "pvc", "paperboard")
-_ACCELERATION, _YAW_ACCELERATION = 1.0, 2.0  # [m/s²], [rad/s²]
+ACCELERATION, YAW_ACCELERATION = 1.0, 2.0
+"""Largest planned accelerations [m/s²], [rad/s²]."""
 _STAND = 0.5  # [s] at the beginning and at the end
 _GROUND_TRUTH = ("x", "y", "heading")  # as a motion-capture system measures it
 
@@ -52,20 +53,34 @@ def mission(draws: np.random.Generator, duration: float, period: float) -> Refer
     """
     rows = round(duration / period) + 1
     demand = np.zeros((rows, 3))
-    row = round(_STAND / period)
-    end = rows - round(2.0 / period)  # time to come to rest
-    for seconds, twist in _segments(draws):
-        if row >= end:
-            break
-        until = min(row + round(seconds / period), end)
-        demand[row:until] = twist
-        row = until
+    for begin, end, twist in demanded_twists(draws, rows, period):
+        demand[begin:end] = twist
     twist = _rate_limited(demand, period)
     heading = np.concatenate(([0.0], np.cumsum(twist[:-1, 2]) * period))
     position = np.vstack((np.zeros(2), np.cumsum(twist[:-1, :2], axis=0) * period))
     return Reference(
         np.arange(rows, dtype=float) * period, twist[:, :2].copy(), twist[:, 2].copy(), heading, position
     )
+
+
+def demanded_twists(
+    draws: np.random.Generator, rows: int, period: float
+) -> Iterator[tuple[int, int, tuple[float, float, float]]]:
+    """Draw the demand of a mission: first row, row after the last, and twist in the world of each segment.
+
+    Args:
+      draws: Random number generator.
+      rows: Number of control periods.
+      period: Control period [s].
+    """
+    row = round(_STAND / period)
+    last = rows - round(2.0 / period)  # time to come to rest
+    for seconds, twist in _segments(draws):
+        if row >= last:
+            return
+        until = min(row + round(seconds / period), last)
+        yield row, until, twist
+        row = until
 
 
 def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, float, float]]]:
@@ -93,9 +108,9 @@ def _rate_limited(demand: Array, period: float) -> Array:
     for k in range(1, len(demand)):
         step = demand[k] - now
         far = math.hypot(step[0], step[1])
-        if far > _ACCELERATION * period:
-            step[:2] *= _ACCELERATION * period / far
-        step[2] = min(max(step[2], -_YAW_ACCELERATION * period), _YAW_ACCELERATION * period)
+        if far > ACCELERATION * period:
+            step[:2] *= ACCELERATION * period / far
+        step[2] = min(max(step[2], -YAW_ACCELERATION * period), YAW_ACCELERATION * period)
         now = now + step
         followed[k] = now
     return followed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bokeh.document import Document
@@ -53,6 +53,18 @@ def embed(drawings: Mapping[str, Drawing]) -> tuple[Markup, dict[str, Markup]]:
     document.js_on_event("document_ready", CustomJS(args={"bars": bars}, code=_TOUCH))
     script, elements = components(models, wrap_script=False)
     return Markup(script), {name: Markup(element) for name, element in elements.items()}
+
+
+def stacked(drawings: Sequence[Drawing]) -> Any:
+    """Lay drawings out below each other as one Bokeh model, with a common time axis and cursor.
+
+    Args:
+      drawings: Drawings in their order.
+    """
+    panels = [panel for drawing in drawings for panel in drawing.panels]
+    _link(panels)
+    _share_data(panels)
+    return column([panel.plot for panel in panels], sizing_mode="stretch_width")
 
 
 def packed(script: str) -> str:

@@ -29,13 +29,14 @@ def write_drives_report(path: Path, found: DriveValidation, command: str = "") -
         f"Validation on {found.dataset.name} · omnimj",
         found=found,
         runs=len({run.run for run in found.runs}),
-        tables=[(floor, _table([g for g in found.groups if g.floor == floor])) for floor in floors],
-        figures=[figure for floor in floors for figure in _figures(found, floor)],
+        tables=[(floor, groups_table([g for g in found.groups if g.floor == floor])) for floor in floors],
+        figures=[figure for floor in floors for figure in drive_figures(found, floor)],
         command=command,
     )
 
 
-def _table(groups: Sequence[Group]) -> Table:
+def groups_table(groups: Sequence[Group]) -> Table:
+    """List groups of runs: speeds, and errors of velocity, currents, yaw rate and end of path."""
     return table([_row(group) for group in groups], _HEAD)
 
 
@@ -63,7 +64,7 @@ def _percent(ratio: float) -> str:
     return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "–"
 
 
-def _figures(found: DriveValidation, floor: str) -> list[Figure]:
+def drive_figures(found: DriveValidation, floor: str) -> list[Figure]:
     """Plot the run of a floor that the first plant misses most, and the one in the middle."""
     first = [one for one in found.numbers if one.floor == floor and one.plant == found.plants[0]]
     off = {one.run: _distance(one.measured, one.simulated) for one in first}

@@ -72,23 +72,23 @@ def write_gap_report(
         sentences=sentences,
         has_after=has_second_model(finding),
         lead=sentences.summarize_runs(finding, len(runs), any(run.partly for run in runs)),
-        verdict=_verdict(finding),
+        verdict=gap_verdict(finding),
         tiles=_tiles(finding),
         data_notes=_data_notes(finding),
         locations=tables.mismatch_locations(finding),
-        location_figures=_location_figures(finding, runs),
+        location_figures=location_figures(finding, runs),
         effects=[tables.fitted_parameters(effect) for effect in finding.effects],
-        traction_figures=_traction_figures(finding),
+        traction_figures=traction_figures(finding),
         free_curves=_free_curves(finding),
         free_variables=sentences.join_words(list(map(sentences.variable_words, finding.flexible)), "or"),
-        rounds=_rounds(finding),
+        rounds=rounds(finding),
         at_bound=[parameter.name for parameter in finding.refitted if parameter.at_bound],
         refitted=tables.refitted_parameters(finding),
         refitted_figures=_refitted_figures(finding),
         certainty=_certainty(finding),
         decoy_figures=_decoy_figures(finding),
         channels=tables.channel_mismatches(finding),
-        size_figures=_size_figures(finding),
+        size_figures=size_figures(finding),
         runs=tables.run_mismatches(finding, runs, sections),
         sections=sections,
         next_run=tables.experiment_settings((finding.next_experiment or {}).get("run") or {}),
@@ -102,7 +102,7 @@ def write_gap_report(
     )
 
 
-def _verdict(finding: Finding) -> tuple[str, str]:
+def gap_verdict(finding: Finding) -> tuple[str, str]:
     """Return CSS class and text of the verdict."""
     words = f"{_SIGNS[finding.verdict]} {sentences.headline(finding)}"
     if finding.failure:
@@ -144,7 +144,7 @@ def _data_notes(finding: Finding) -> tuple[list[str], list[str]]:
     return notes[:_MOST_NOTES], notes[_MOST_NOTES:]
 
 
-def _location_figures(finding: Finding, runs: Sequence[RunGap]) -> list[Figure]:
+def location_figures(finding: Finding, runs: Sequence[RunGap]) -> list[Figure]:
     """Plot the mismatch over the variables of its regimes, and run by run."""
     if not finding.where:
         return []
@@ -171,7 +171,7 @@ def _regime_figure(finding: Finding, k: int, variable: str, place: MismatchRegim
     return plot(drawing, f"regime-{k}", f"Mismatch over {sentences.variable_words(variable)}", caption)
 
 
-def _traction_figures(finding: Finding) -> list[Figure]:
+def traction_figures(finding: Finding) -> list[Figure]:
     """Plot traction over slip, floor by floor."""
     caption = (
         "Points: slip by pose and wheel speeds, force by the currents, neither by a traction law. "
@@ -200,7 +200,7 @@ def _free_curves(finding: Finding) -> tuple[Figure, Table] | None:
     return figure, table(rows, ("free curve over", "explains"))
 
 
-def _rounds(finding: Finding) -> tuple[list[Figure], list[tuple[str, Table]]]:
+def rounds(finding: Finding) -> tuple[list[Figure], list[tuple[str, Table]]]:
     """Return plots and tables of the candidates, round by round."""
     figures, all_candidates = [], []
     many = len(finding.stages) > 1
@@ -293,7 +293,7 @@ def _decoy_figures(finding: Finding) -> list[Figure]:
     return figures
 
 
-def _size_figures(finding: Finding) -> list[Figure]:
+def size_figures(finding: Finding) -> list[Figure]:
     """Plot the mismatch by channel and over frequency."""
     figures = []
     if finding.heldout:

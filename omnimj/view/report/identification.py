@@ -62,9 +62,9 @@ def write_identification_report(path: Path, found: Identification, command: str 
         found=found,
         floors=", ".join(_name(floor) for floor in found.floors),
         runs=sum(len(floor.runs) for floor in found.floors),
-        parameters=_parameters(found),
+        parameters=parameters_table(found),
         sections=[
-            (_name(floor).capitalize(), floor.undetermined, _facts(floor), _figures(floor))
+            (_name(floor).capitalize(), floor.undetermined, _facts(floor), floor_figures(floor))
             for floor in found.floors
         ],
         command=command,
@@ -75,7 +75,8 @@ def _name(floor: IdentifiedFloor) -> str:
     return floor.floor.replace("_", " ")
 
 
-def _parameters(found: Identification) -> Table:
+def parameters_table(found: Identification) -> Table:
+    """List the parameters with their intervals, a column per floor."""
     rows: list[tuple[object, ...]] = [
         (meaning, *(_estimate(floor[name]) for floor in found.floors))
         for name, meaning in _PARAMETERS.items()
@@ -122,7 +123,8 @@ def _facts(floor: IdentifiedFloor) -> Table:
     )
 
 
-def _figures(floor: IdentifiedFloor) -> list[Figure]:
+def floor_figures(floor: IdentifiedFloor) -> list[Figure]:
+    """Plot the curves and the residuals of a floor."""
     return [
         plot(draw(floor), f"{floor.floor}-{key}", heading, caption)
         for key, heading, caption, draw in _FIGURES

@@ -167,6 +167,16 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
     path.write_text(text, encoding="utf-8")
 
 
+def render_part(template: str, **content: Any) -> str:
+    """Render a template that is no page of its own, such as a table for a notebook.
+
+    Args:
+      template: Name of the template without its ending.
+      **content: Texts and tables for the template, which escapes them.
+    """
+    return _TEMPLATES.get_template(f"{template}.html.j2").render(**content)
+
+
 def _figures(content: Any) -> Iterator[Figure]:
     """Find the figures in the content of a page."""
     if isinstance(content, Figure):

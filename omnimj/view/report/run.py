@@ -54,12 +54,12 @@ def write_report(
         heading=wording.title(metrics),
         description=scenario.description,
         ended_early=_ended_early(metrics),
-        verdict=_verdict(metrics),
+        verdict=run_verdict(metrics),
         picture=_picture(picture, metrics),
         missing_picture=picture.caption if picture and picture.path is None else "",
         setup=_setup(scenario, metrics),
         command=wording.repeat_command(scenario, metrics),
-        checks=_checks(scenario, metrics),
+        checks=checks_table(scenario, metrics),
         results=_results(scenario, metrics),
         recovery=_recovery(trace, metrics),
         diagnosis=diagnosis_section(trace, scenario, metrics, spans) if is_diagnosed else None,
@@ -68,16 +68,12 @@ def write_report(
         comparison_figures=_comparison_figures(trace, others or {}, scenario, metrics, spans),
         method=metrics.get("method", "–"),
         is_rig=scenario.is_rig,
-        figures=(
-            _rig_figures(scenario.rig, trace, spans)
-            if scenario.is_rig
-            else _robot_figures(scenario.robot, trace, scenario.patches, spans)
-        ),
+        figures=run_figures(trace, scenario, spans),
         compared_methods=list(metrics.get("compared") or ()),
     )
 
 
-def _verdict(metrics: Mapping[str, Any]) -> tuple[str, str]:
+def run_verdict(metrics: Mapping[str, Any]) -> tuple[str, str]:
     """Return CSS class and text of the verdict over all checks."""
     checks = metrics.get("checks") or ()
     unjudged = sum(not check.get("judged", True) for check in checks)
@@ -134,7 +130,8 @@ def _layout(robot: Robot) -> tuple[str, str]:
     return "wheels", f"{len(robot.wheels)}{f': {limits}' if limits else ''}"
 
 
-def _checks(scenario: Scenario, metrics: Mapping[str, Any]) -> Table | None:
+def checks_table(scenario: Scenario, metrics: Mapping[str, Any]) -> Table | None:
+    """List the checks: result, value and bound; None for a run without any."""
     rows = []
     for check in metrics.get("checks") or ():
         unit, limit = scenario.metric_units.get(check["name"], ""), check.get("limit")
@@ -215,6 +212,19 @@ def _comparison_figures(
         drawing = comparison_plots.paths(traces, scenario.patches)
         figures.append(plot(drawing, "compared-paths", "Paths", words))
     return figures
+
+
+def run_figures(trace: Trace, scenario: Scenario, spans: Sequence[Span]) -> list[Figure]:
+    """Plot the signals of a run of robot or rig.
+
+    Args:
+      trace: Signals of the run.
+      scenario: Scenario of the run.
+      spans: Faults to shade.
+    """
+    if scenario.is_rig:
+        return _rig_figures(scenario.rig, trace, spans)
+    return _robot_figures(scenario.robot, trace, scenario.patches, spans)
 
 
 def _robot_figures(robot: Robot, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:

@@ -36,7 +36,7 @@ def write_validation_report(path: Path, found: Validation, command: str = "") ->
         straight=_straight(straight, found.plants) if straight else None,
         lateral=_lateral(lateral, found.plants),
         wheel_speed=_wheel_speed(found),
-        figures=_overlays(found),
+        figures=overlays(found),
         command=command,
     )
 
@@ -91,7 +91,7 @@ def _wheel_speed(found: Validation) -> Table:
     return table(rows)
 
 
-def _overlays(found: Validation) -> list[Figure]:
+def overlays(found: Validation) -> list[Figure]:
     """Plot the runs with the largest errors."""
     by_run: dict[str, list[ReplayedRun]] = {}
     for run in found.runs:
