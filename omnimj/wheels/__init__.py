@@ -1,0 +1,24 @@
+"""Omni and mecanum wheels as MJCF files that plain MuJoCo rolls, alone or under a drivable body.
+
+`wheel`, `outline`   the wheel: numbers, checks; closed forms of outline and hand-over
+`contact`            contact of the rollers in MuJoCo's own solver
+`robot`              layouts of wheels under a body, their kinematics
+`wheel_xml`, `robot_xml`   the files
+"""
+
+from omnimj.wheels.contact import SolverContact
+from omnimj.wheels.robot import LAYOUTS, WheeledRobot
+from omnimj.wheels.robot_xml import robot_file
+from omnimj.wheels.wheel import RollerWheel, mecanum_wheel, omni_wheel
+from omnimj.wheels.wheel_xml import wheel_file
+
+__all__ = [
+    "LAYOUTS",
+    "RollerWheel",
+    "SolverContact",
+    "WheeledRobot",
+    "mecanum_wheel",
+    "omni_wheel",
+    "robot_file",
+    "wheel_file",
+]
