@@ -1,4 +1,4 @@
-"""Closed forms of a wheel with ellipsoid rollers: outline, hand-over from roller to roller, room between rollers.
+"""Closed forms of a wheel with ellipsoid rollers: outline, hand-over, room between rollers.
 
 R is the wheel's radius, b a roller's largest radius, γ the angle between roller axis and axle (90° on an omni
 wheel), L the long semi-axis of the ellipsoid, θ the turn of the wheel from where a roller is lowest.
@@ -16,7 +16,7 @@ _SEPARATING = np.radians(np.linspace(-90.0, 90.0, 1801))  # directions tried bet
 
 
 def half_length(radius: float, roller_radius: float, angle: float) -> float:
-    """Long semi-axis L = √(b (R − b cos² γ))/sin γ of a roller that touches the wheel's cylinder along a line [m].
+    """Long semi-axis L = √(b (R − b cos² γ))/sin γ of a roller with the wheel's curvature [m].
 
     With this L the cylinder of radius R has second-order contact with the roller: the hub height is
     constant up to the fourth power of θ. On an omni wheel L = √(R b).
@@ -55,9 +55,10 @@ def hand_over_drop(radius: float, roller_radius: float, count: int) -> float:
 
 
 def contact_reach(radius: float, roller_radius: float, angle: float, count: int) -> float:
-    """Distance L² s/√(L² s² + b² (1 − s²)), s = sin(π/N) sin γ, of the contact at hand-over from the middle [m].
+    """Distance of the contact at hand-over from the middle of the roller [m].
 
-    A roller must be at least this long to both sides, measured along its axis.
+    L² s/√(L² s² + b² (1 − s²)), s = sin(π/N) sin γ, along the axis. A roller must be at least this long to
+    both sides.
     """
     long = half_length(radius, roller_radius, angle)
     s = math.sin(math.pi / count) * math.sin(angle)
@@ -65,7 +66,7 @@ def contact_reach(radius: float, roller_radius: float, angle: float, count: int)
 
 
 def room_between(radius: float, roller_radius: float, angle: float, in_row: int, cut: float) -> float:
-    """Distance between neighbouring rollers of a row, cut at ±`cut` along their axes [m]; negative: they overlap.
+    """Distance between neighbouring rollers of a row [m]; negative if they overlap.
 
     Neighbours are images of each other by a half turn about the radial line between them, so that a
     separating direction can be sought at right angles to that line: max over ψ of
@@ -76,7 +77,7 @@ def room_between(radius: float, roller_radius: float, angle: float, in_row: int,
       roller_radius: Largest roller radius b [m].
       angle: Roller angle γ [rad].
       in_row: Rollers n of the row.
-      cut: Half length of the roller [m].
+      cut: Half length of a roller, an ellipsoid cut at ±`cut` along its axis [m].
     """
     long, phi = half_length(radius, roller_radius, angle), math.pi / in_row
     along = math.sin(angle) * math.cos(phi) * np.cos(_SEPARATING) + math.cos(angle) * np.sin(_SEPARATING)
@@ -87,10 +88,10 @@ def room_between(radius: float, roller_radius: float, angle: float, in_row: int,
     return float(np.max(2.0 * ((radius - roller_radius) * math.sin(phi) * np.cos(_SEPARATING) - support)))
 
 
-def mean_projection(in_row_turn: float) -> float:
+def mean_projection(turn: float) -> float:
     """Mean sin(θ)/θ of cos θ between hand-overs at ±θ.
 
     A roller that is tilted by θ lies at atan(tan γ cos θ) to the axle as seen from above, so that tan γ is on
     average smaller by this factor.
     """
-    return math.sin(in_row_turn) / in_row_turn
+    return math.sin(turn) / turn

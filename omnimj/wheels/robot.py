@@ -129,7 +129,8 @@ class WheeledRobot:
         """Moments of inertia of the body, a box or disc, about x, y and z [kg.m2]."""
         x, y, z = self.half_sides
         if self.layout == "mecanum4":
-            return tuple(self.body_mass / 3.0 * s for s in (y * y + z * z, x * x + z * z, x * x + y * y))
+            third = self.body_mass / 3.0
+            return third * (y * y + z * z), third * (x * x + z * z), third * (x * x + y * y)
         across = self.body_mass * (0.25 * x * x + z * z / 3.0)
         return across, across, 0.5 * self.body_mass * x * x
 
@@ -139,7 +140,7 @@ class WheeledRobot:
         return _ROTOR_SHARE * self.mass * self.wheel.radius**2 / len(self.mounts)
 
     def velocity_gain(self, timestep: float) -> float:
-        """Return the gain of a velocity actuator that a wheel in the air is stable with [N.m.s/rad]."""
+        """Return a gain of velocity actuators with which a wheel in the air is stable [N.m.s/rad]."""
         return _GAIN * (self.wheel.inertia + self.rotor_inertia) / timestep
 
     def torque_limit(self, friction: float) -> float:
@@ -149,7 +150,11 @@ class WheeledRobot:
 
 def _require(name: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high or value == 0.0:
-        rule = f"must be at least {low:.4g} and at most {high:g}" if low else f"must be above 0, at most {high:g}"
+        rule = (
+            f"must be at least {low:.4g} and at most {high:g}"
+            if low
+            else f"must be above 0, at most {high:g}"
+        )
         raise InputError(f"robot: {name}", f"found {value:g}", rule)
 
 

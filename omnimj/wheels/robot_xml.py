@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 from omnimj.errors import UnknownNameError
 from omnimj.wheels.contact import SolverContact
@@ -15,6 +14,7 @@ from omnimj.wheels.wheel_xml import (
     describe,
     head_comment,
     indented,
+    made_by,
     numbers,
     roller_defaults,
     wheel_assets,
@@ -30,7 +30,7 @@ def robot_file(
     contact: SolverContact,
     touch: str = "floor",
     bare: bool = False,
-    remarks: Iterable[str] = (),
+    command: str = "",
 ) -> str:
     """Write an MJCF file of a robot on a floor.
 
@@ -39,7 +39,7 @@ def robot_file(
       contact: Contact of its rollers with the floor.
       touch: One of `TOUCHED`.
       bare: Whether to leave out what is only seen, which takes time in every step.
-      remarks: Lines added to the comment at the head, such as the command.
+      command: Command line that makes the file, kept in it.
 
     Raises:
       UnknownNameError: `touch` is unknown.
@@ -51,14 +51,14 @@ def robot_file(
     pairs = f"\n\n  <contact>\n{indented(_pairs(robot), 4)}\n  </contact>" if in_pairs else ""
     return f"""\
 <mujoco model="{robot.layout}">
-{indented(head_comment((*_describe(robot, in_pairs), *remarks)), 2)}
+{indented(head_comment(_describe(robot, in_pairs)), 2)}
   <compiler angle="degree" autolimits="true"/>
   <option timestep="{numbers(contact.timestep)}" cone="elliptic">
     <!-- the robot is one island of constraints: looking for more of them takes time in every step -->
     <flag island="disable"/>
   </option>
   <statistic center="0 0 {numbers(radius)}" extent="{numbers(size)}"/>
-{indented(SURROUNDINGS, 2)}
+{indented(SURROUNDINGS + made_by(command), 2)}
 
   <default>
 {indented(roller_defaults(robot.wheel, contact, in_pairs), 4)}
@@ -91,17 +91,18 @@ def robot_file(
 def _describe(robot: WheeledRobot, in_pairs: bool) -> tuple[str, ...]:
     unit = "rad/s" if robot.actuators == "velocity" else "N.m"
     rows = [
-        f"  motor_{i}: {numbers(*(round(k, 6) for k in row))}" for i, row in enumerate(robot.kinematics, start=1)
+        f"  motor_{i}: {numbers(*(round(k, 6) for k in row))}"
+        for i, row in enumerate(robot.kinematics, start=1)
     ]
     touched = (
-        "Rollers touch the geom 'floor' only (see <contact>); omnimj robot --touch everything writes other ones."
+        "Rollers touch the geom 'floor' only, see <contact>; the option 'touch everything' changes that."
         if in_pairs
         else "Rollers touch every geom whose conaffinity has bit 1, such as MuJoCo's default geoms."
     )
     return (
-        f"Robot {robot.layout}: x is ahead, y to the left. Controls: one {robot.actuators} actuator per wheel [{unit}].",
+        f"Robot {robot.layout}: x is ahead, y to the left; a {robot.actuators} actuator per wheel [{unit}].",
         *describe(robot.wheel),
-        "Wheel speeds [rad/s] of a body with the velocity v_x, v_y [m/s] and yaw rate [rad/s]: the products with",
+        "Wheel speeds [rad/s] are the products of v_x, v_y [m/s] and yaw rate [rad/s] with",
         *rows,
         touched,
     )
@@ -115,7 +116,7 @@ def _driven_defaults(robot: WheeledRobot, contact: SolverContact) -> str:
     gain = robot.velocity_gain(contact.timestep)
     return f"""\
 <default class="drive">
-  <!-- kv: for Euler steps of {numbers(contact.timestep)} s up to four times as large; force: at the limit of friction -->
+  <!-- kv: up to four times as large for this step; force: where the wheels begin to spin -->
   <velocity kv="{numbers(gain)}" ctrlrange="{numbers(-top, top)}" forcerange="{numbers(-limit, limit)}"/>
 </default>
 """
@@ -136,14 +137,16 @@ def _chassis(robot: WheeledRobot, size: float, bare: bool) -> str:
         for i, mount in enumerate(robot.mounts, start=1)
     )
     seen = f"""
-  <geom type="box" size="{numbers(0.12 * x, 0.04 * x, 0.03 * z)}" pos="{numbers(0.8 * x, 0.0, up + z)}" material="ahead"
-        contype="0" conaffinity="0" mass="0"/>"""
+  <geom type="box" size="{numbers(0.12 * x, 0.04 * x, 0.03 * z)}" pos="{numbers(0.8 * x, 0.0, up + z)}"
+        material="ahead" contype="0" conaffinity="0" mass="0"/>"""
     return f"""\
 <body name="chassis" pos="0 0 {numbers(robot.wheel.radius)}">
   <freejoint name="free"/>
-  <inertial pos="0 0 {numbers(up)}" mass="{numbers(robot.body_mass)}" diaginertia="{numbers(*robot.body_inertia)}"/>
+  <inertial pos="0 0 {numbers(up)}" mass="{numbers(robot.body_mass)}"
+            diaginertia="{numbers(*robot.body_inertia)}"/>
   <site name="centre" size="0.005"/>
-  <camera name="chase" pos="{numbers(-size, -size, size)}" xyaxes="0.7071 -0.7071 0 0.40 0.40 0.825" mode="track"/>
+  <camera name="chase" pos="{numbers(-size, -size, size)}" mode="track"
+          xyaxes="0.7071 -0.7071 0 0.40 0.40 0.825"/>
   <geom name="chassis" type="{shape}" size="{numbers(*dimensions)}" pos="0 0 {numbers(up)}" material="body"
         contype="1" conaffinity="0" mass="0"/>{"" if bare else seen}
 {indented(wheels, 2)}

@@ -16,6 +16,7 @@ MAX_ROLLERS, MAX_ROWS = 60, 4
 _MAX_DROP = 0.02  # of the radius; deeper drops shake the robot more than its wheels carry it
 _REACH_MARGIN = 1.1  # of the contact's reach at hand-over, by which a roller is longer at least
 _ROOM = 0.01  # of the radius, that neighbouring rollers keep between them
+_SHORTEST = 0.7  # of its thickness, the length of a roller that pins can hold
 _WHOLE = 0.98  # of an ellipsoid's long semi-axis, the longest cut: pins need a flat end
 _MASS_PER_VOLUME = 2800.0  # [kg/m3] mass of common wheels over the cube of their radius
 _MAX_ROLLER_SHARE = 0.8  # of the wheel's mass
@@ -85,7 +86,7 @@ class RollerWheel:
     @property
     def roller_half_length(self) -> float:
         """Half length c of a roller as built, the longest that leaves room to its neighbours [m]."""
-        short, long = _REACH_MARGIN * self.reach, _WHOLE * self.half_length
+        short, long = _shortest(self), _WHOLE * self.half_length
         if _room(self, long) >= _ROOM * self.radius:
             return long
         for _ in range(30):
@@ -212,9 +213,14 @@ def _room(wheel: RollerWheel, cut: float) -> float:
     return outline.room_between(wheel.radius, wheel.roller_radius, wheel.mounted_angle, wheel.rollers, cut)
 
 
+def _shortest(wheel: RollerWheel) -> float:
+    """Half length with which a roller hands over to the next, and is not a mere disc [m]."""
+    return max(_REACH_MARGIN * wheel.reach, _SHORTEST * wheel.roller_radius)
+
+
 def _fits(wheel: RollerWheel) -> bool:
-    """True if rollers that are long enough to hand over leave room to their neighbours."""
-    shortest = _REACH_MARGIN * wheel.reach
+    """True if rollers that are long enough leave room to their neighbours."""
+    shortest = _shortest(wheel)
     return shortest <= _WHOLE * wheel.half_length and _room(wheel, shortest) >= _ROOM * wheel.radius
 
 
@@ -265,7 +271,7 @@ def _check_rollers(wheel: RollerWheel) -> None:
         rule += f"radius; at least {fewest} in a row are needed"
         _refuse("rollers", f"{wheel.rollers} in a row", rule)
     if not _fits(wheel):
-        rule = "rollers that are long enough to hand over overlap their neighbours"
+        rule = "the rollers overlap"
         _refuse("rollers", f"{wheel.rollers} in a row", f"{rule}; {_what_fits(wheel)}")
 
 
@@ -285,14 +291,18 @@ def _variants(wheel: RollerWheel, name: str, values: Iterator[float]) -> Iterato
 
 
 def _what_fits(wheel: RollerWheel) -> str:
-    counts = [n for n in _variants(wheel, "rollers", iter(range(3, MAX_ROLLERS + 1)))
-              if _drop_of(wheel, int(n)) <= _MAX_DROP * wheel.radius]
+    counts = [
+        n
+        for n in _variants(wheel, "rollers", iter(range(3, MAX_ROLLERS + 1)))
+        if _drop_of(wheel, int(n)) <= _MAX_DROP * wheel.radius
+    ]
     radii = [wheel.radius * (0.02 + 0.002 * k) for k in range(191)]
     radii = list(_variants(wheel, "roller_radius", iter(radii)))
-    known = f"{wheel.roller_radius:.4g} m" 
+    known = f"{wheel.roller_radius:.4g} m"
     parts = []
     if counts:
-        parts.append(f"with roller radius {known} {counts[0]} to {counts[-1]} in a row fit")
+        fit = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"only {counts[0]}"
+        parts.append(f"with roller radius {known} {fit} in a row fit")
     if radii:
         parts.append(f"with {wheel.rollers} the roller radius may be up to {radii[-1]:.4g} m")
     return ", ".join(parts) or f"with {wheel.rows} row none fit, two rows do"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from textwrap import indent
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -35,7 +36,6 @@ def roller_defaults(wheel: RollerWheel, contact: SolverContact, in_pairs: bool) 
       in_pairs: Whether rollers touch only geoms that they are paired with.
     """
     long, b = wheel.half_length, wheel.roller_radius
-    spin, across = wheel.roller_inertia
     solref = f'solref="{numbers(contact.time_constant)} 1"'
     solimp = f'solimp="{numbers(contact.impedance, contact.impedance)} 0.001"'
     mu = numbers(contact.friction)
@@ -43,11 +43,13 @@ def roller_defaults(wheel: RollerWheel, contact: SolverContact, in_pairs: bool) 
         shape = 'contype="0" conaffinity="0"'
         pair = f'\n  <pair condim="3" friction="{mu} {mu}" {solref} {solimp}/>'
     else:
-        shape = f'contype="1" conaffinity="0" condim="3" priority="1" friction="{mu}"\n        {solref} {solimp}'
+        shape = (
+            f'contype="1" conaffinity="0" condim="3" priority="1" friction="{mu}"\n        {solref} {solimp}'
+        )
         pair = ""
     return f"""\
 <default class="roller">
-  <!-- a roller turns freely: frictionloss or armature here would stop rollers, which have hardly any inertia -->
+  <!-- frictionloss or armature here would stop the rollers, which have hardly any inertia -->
   <joint type="hinge" axis="1 0 0"/>
   <geom type="ellipsoid" size="{numbers(long, b, b)}" mass="0" group="3" rgba="0.2 0.6 0.9 0.4"
         {shape}/>{pair}
@@ -68,8 +70,11 @@ def wheel_assets(wheel: RollerWheel) -> str:
     for x in np.linspace(-cut, cut, _RINGS):
         radius = wheel.roller_radius * math.sqrt(1.0 - (x / long) ** 2)
         for turn in np.arange(_AROUND) * 2.0 * math.pi / _AROUND:
-            vertices.append(f"{x:.5g} {radius * math.cos(turn):.4g} {radius * math.sin(turn):.4g}")
-    lines = [" ".join(vertices[k : k + 4]) for k in range(0, len(vertices), 4)]
+            point = (x, radius * math.cos(turn), radius * math.sin(turn))
+            vertices.append(
+                " ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in point).replace("-0 ", "0 ")
+            )
+    lines = ["  ".join(vertices[k : k + 4]) for k in range(0, len(vertices), 4)]
     return f"""\
 <material name="rubber" rgba="0.20 0.22 0.25 1" specular="0.2" shininess="0.2"/>
 <material name="hub" rgba="0.75 0.77 0.80 1" specular="0.6" shininess="0.6"/>
@@ -113,13 +118,14 @@ def wheel_body(wheel: RollerWheel, prefix: str, place: str, armature: float = 0.
 {indented(around, 2)}
 </replicate>
 """
+    hub_inertia = numbers(about_radius, about_axle, about_radius)
     size = numbers(0.9 * wheel.hub_radius, 0.42 * wheel.width)
     seen = "" if bare else f'\n  <geom class="hub" size="{size}"/>'
     driven = f' armature="{numbers(armature)}"' if armature else ""
     return f"""\
 <body name="{prefix}wheel" {place}>
   <joint name="{prefix}axle" type="hinge" axis="0 1 0"{driven}/>
-  <inertial pos="0 0 0" mass="{numbers(wheel.hub_mass)}" diaginertia="{numbers(about_radius, about_axle, about_radius)}"/>{seen}
+  <inertial pos="0 0 0" mass="{numbers(wheel.hub_mass)}" diaginertia="{hub_inertia}"/>{seen}
 {indented(around, 2)}
 </body>
 """
@@ -137,16 +143,22 @@ def describe(wheel: RollerWheel) -> tuple[str, ...]:
     if wheel.roller_angle != OMNI:
         angle, built = (math.degrees(a) for a in (wheel.roller_angle, wheel.mounted_angle))
         lines.append(
-            f"Rollers lie at {built:.4g}° to the axle: tilted ones show a smaller angle from above, and the mean "
-            f"over a turn is {angle:.4g}°."
+            f"Rollers lie at {built:.4g}° to the axle; a tilted one shows a smaller angle from above, "
+            f"and the mean over a turn is {angle:.4g}°."
         )
     return tuple(lines)
 
 
 def head_comment(lines: Iterable[str]) -> str:
-    """Return a comment of an MJCF file; two hyphens in a row, which XML forbids there, get a blank."""
-    text = "\n".join(line.replace("--", "- -") for line in lines)
-    return f"<!--\n{indented(text, 2)}\n-->\n"
+    """Return a comment of an MJCF file; lines have no two hyphens in a row, which XML forbids there."""
+    return f"<!--\n{indented(chr(10).join(lines), 2)}\n-->\n"
+
+
+def made_by(command: str) -> str:
+    """Return an element that keeps the command of a file; nothing for an empty one."""
+    if not command:
+        return ""
+    return f'<custom>\n  <text name="command" data={quoteattr(command)}/>\n</custom>\n'
 
 
 SURROUNDINGS = """\
@@ -156,18 +168,20 @@ SURROUNDINGS = """\
 </visual>
 """
 FLOOR_ASSETS = """\
-<texture name="sky" type="skybox" builtin="gradient" rgb1="0.92 0.94 0.97" rgb2="0.70 0.76 0.84" width="256" height="256"/>
-<texture name="tiles" type="2d" builtin="checker" rgb1="0.80 0.79 0.76" rgb2="0.75 0.74 0.71" width="512" height="512"
-         mark="edge" markrgb="0.66 0.65 0.62"/>
+<texture name="sky" type="skybox" builtin="gradient" rgb1="0.92 0.94 0.97" rgb2="0.70 0.76 0.84"
+         width="256" height="256"/>
+<texture name="tiles" type="2d" builtin="checker" rgb1="0.80 0.79 0.76" rgb2="0.75 0.74 0.71"
+         width="512" height="512" mark="edge" markrgb="0.66 0.65 0.62"/>
 <material name="floor" texture="tiles" texrepeat="2 2" texuniform="true"/>
 """
 FLOOR = """\
-<light name="sun" type="directional" pos="0 -0.75 1" dir="0.02 0.75 -1" diffuse="0.52 0.51 0.49" castshadow="true"/>
+<light name="sun" type="directional" pos="0 -0.75 1" dir="0.02 0.75 -1" diffuse="0.52 0.51 0.49"
+       castshadow="true"/>
 <geom name="floor" type="plane" size="20 20 0.1" material="floor"/>
 """
 
 
-def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, remarks: Iterable[str] = ()) -> str:
+def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, command: str = "") -> str:
     """Write an MJCF file of one wheel, which carries a load on a floor and is driven along it.
 
     The wheel is the body `wheel`: `<attach model="FILE" body="wheel" prefix="left_"/>` puts it elsewhere.
@@ -176,7 +190,7 @@ def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, re
       wheel: Wheel to write.
       contact: Contact of its rollers with the floor.
       load: Mass on the axle, without the wheel [kg].
-      remarks: Lines added to the comment at the head, such as the command.
+      command: Command line that makes the file, kept in it.
 
     Raises:
       InputError: The load is out of range.
@@ -186,19 +200,18 @@ def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, re
     kind = "omni_wheel" if wheel.roller_angle == OMNI else "mecanum_wheel"
     lines = (
         *describe(wheel),
-        "The carriage slides along x, y and z, never turns, and rests on the wheel; the actuator sets its speed.",
-        'Use the wheel elsewhere: <attach model="…" body="wheel" prefix="left_"/>; its axle is y, it drives along x.',
-        *remarks,
+        "The carriage slides along x, y and z without turning, and rests on the wheel, whose speed is set.",
+        'To use the wheel elsewhere: <attach model="…" body="wheel" prefix="left_"/>. Its axle is y.',
     )
     moved = load + wheel.mass
-    gain = 5.0 * moved * wheel.radius**2
+    gain = 50.0 * moved * wheel.radius**2
     return f"""\
 <mujoco model="{kind}">
 {indented(head_comment(lines), 2)}
   <compiler angle="degree" autolimits="true"/>
   <option timestep="{numbers(contact.timestep)}" integrator="implicitfast" cone="elliptic"/>
   <statistic center="0 0 {numbers(wheel.radius)}" extent="{numbers(6.0 * wheel.radius)}"/>
-{indented(SURROUNDINGS, 2)}
+{indented(SURROUNDINGS + made_by(command), 2)}
 
   <default>
 {indented(roller_defaults(wheel, contact, False), 4)}
@@ -215,7 +228,8 @@ def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, re
       <joint name="sideways" type="slide" axis="0 1 0"/>
       <joint name="height" type="slide" axis="0 0 1"/>
       <inertial pos="0 0 0" mass="{numbers(load)}" diaginertia="{numbers(*[load * wheel.radius**2] * 3)}"/>
-      <camera name="chase" pos="0 {numbers(-6.0 * wheel.radius, 3.0 * wheel.radius)}" xyaxes="1 0 0 0 0.45 0.9" mode="track"/>
+      <camera name="chase" pos="0 {numbers(-6.0 * wheel.radius, 3.0 * wheel.radius)}" mode="track"
+              xyaxes="1 0 0 0 0.45 0.9"/>
 {indented(wheel_body(wheel, "", 'pos="0 0 0"'), 6)}
     </body>
   </worldbody>
