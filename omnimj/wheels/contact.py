@@ -16,7 +16,7 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class SolverContact:
-    """Contact parameters of the rollers, chosen by `python -m omnimj.bench.wheels --contact`.
+    """Contact parameters of the rollers, chosen by the table of `omnimj bench --wheels`.
 
     The softer the contact, the deeper the rollers sink in and the slower the robot rolls; the harder it is,
     the fewer wheels carry the robot at a time. Sliding friction is all that a roller transmits (condim 3):

@@ -183,6 +183,34 @@ def vertical_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
     )
 
 
+_LISTED = 0.003  # [m] depth up to which MuJoCo only lists a contact; deeper, its own catches the wheel
+_SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's defaults
+_FRICTION = (1.0, 0.005, 0.0001)
+
+
+def native_contact(spec: mujoco.MjSpec, prefix: str, motor: str, activations: int) -> None:
+    """Leave the contact of a wheel's rollers and its motor to the native callback.
+
+    A negative margin keeps the rollers out of MuJoCo's solver, the gap lets MuJoCo list their contacts; the
+    activations hold bristle deflections and motor currents.
+
+    Args:
+      spec: Model to change, whose file describes contact and motor of plain MuJoCo.
+      prefix: Prefix of the wheel's names.
+      motor: Name of its actuator.
+      activations: Number of activations of the actuator.
+
+    Raises:
+      InputError: The model lacks the actuator.
+    """
+    for geom in [g for g in spec.geoms if g.name.startswith(f"{prefix}roller_")]:
+        geom.margin, geom.gap, geom.priority = -_LISTED, _LISTED, 0
+        geom.solref, geom.solimp, geom.friction = list(_SOLREF), list(_SOLIMP), list(_FRICTION)
+    actuator = part(spec, "actuator", motor)
+    actuator.dyntype, actuator.actdim = mujoco.mjtDyn.mjDYN_USER, activations
+    actuator.gainprm[0] = 0.0
+
+
 def write_wheel(
     spec: mujoco.MjSpec, prefix: str, wheel: Wheel, motor: Motor, angle: float = _STRAIGHT
 ) -> None:
