@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,7 @@ import numpy as np
 
 from omnimj.bench.twin import wall_time
 from omnimj.signals import Array
-from omnimj.wheels import LAYOUTS, RollerWheel, SolverContact, WheeledRobot, robot_file
-from omnimj.wheels.robot import wheel_of_layout
+from omnimj.wheels import LAYOUTS, RollerWheel, SolverContact, WheeledRobot, robot_file, wheeled_robot
 
 if TYPE_CHECKING:
     import mujoco
@@ -125,7 +124,7 @@ def _nothing(spec: mujoco.MjSpec) -> None:
 class Variant:
     """Contact that is compared with the one as written."""
 
-    contact: SolverContact = SolverContact()
+    contact: SolverContact = field(default_factory=SolverContact)
     change: Change = _nothing
     """Applied to the parsed file."""
     touch: str = "floor"
@@ -174,7 +173,7 @@ class Case:
     @property
     def robot(self) -> WheeledRobot:
         """The robot of the layout, otherwise as by default."""
-        return WheeledRobot(self.layout, wheel_of_layout(self.layout)())
+        return wheeled_robot(self.layout)
 
     def model(self) -> mujoco.MjModel:
         """Compile the robot's file, changed as the case says."""

@@ -34,11 +34,11 @@ def _add_wheel(parser: argparse.ArgumentParser, mass_option: str) -> None:
     parser.add_argument(mass_option, metavar="KG", type=positive_number(1e6), dest="wheel_mass", help=words)
 
 
-def _add_contact(parser: argparse.ArgumentParser) -> None:
+def _add_contact(parser: argparse.ArgumentParser, step: float) -> None:
     words = "friction coefficient of roller and floor (default 0.8)"
     parser.add_argument("--friction", metavar="MU", type=positive_number(100.0), default=0.8, help=words)
-    words = "step in s (default 0.001)"
-    parser.add_argument("--timestep", metavar="S", type=positive_number(1.0), default=0.001, help=words)
+    words = f"step in s, at most 0.002 (default {step:g})"
+    parser.add_argument("--timestep", metavar="S", type=positive_number(1.0), default=step, help=words)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +54,7 @@ def add_wheel_arguments(parser: argparse.ArgumentParser) -> None:
     _add_wheel(parser, "--mass")
     words = "mass on the axle in the file, without the wheel, in kg (default 3)"
     parser.add_argument("--load", metavar="KG", type=positive_number(1e6), default=3.0, help=words)
-    _add_contact(parser)
+    _add_contact(parser, 0.002)
     _add_output(parser)
 
 
@@ -63,13 +63,13 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     words = "omni3, omni4 or mecanum4 (default omni4)"
     parser.add_argument("--layout", metavar="L", default="omni4", help=words)
     length = positive_number(1000.0)
-    words = "mass with wheels in kg (default 15)"
+    words = "mass with wheels in kg (default 15 at a wheel radius of 0.05 m)"
     parser.add_argument("--mass", metavar="KG", type=positive_number(1e6), help=words)
-    words = "distance of omni wheels from the centre in m (default 0.25)"
+    words = "distance of omni wheels from the centre in m (default 5 wheel radii)"
     parser.add_argument("--arm", metavar="M", type=length, help=words)
-    words = "distance from front to rear mecanum wheels in m (default 0.4)"
+    words = "distance from front to rear mecanum wheels in m (default 8 wheel radii)"
     parser.add_argument("--wheelbase", metavar="M", type=length, help=words)
-    words = "distance from left to right mecanum wheels in m (default 0.4)"
+    words = "distance from left to right mecanum wheels in m (default 8 wheel radii)"
     parser.add_argument("--track", metavar="M", type=length, help=words)
     words = "velocity (speed of a wheel, default) or motor (its torque)"
     parser.add_argument("--actuators", metavar="A", help=words)
@@ -79,7 +79,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--touch", metavar="T", default="floor", help=words)
     parser.add_argument("--bare", action="store_true", help="leave out what is only seen: faster steps")
     _add_wheel(parser, "--wheel-mass")
-    _add_contact(parser)
+    _add_contact(parser, 0.001)
     _add_output(parser)
 
 
@@ -107,7 +107,7 @@ def run_robot(arguments: Any) -> int:
       InputError, UnknownNameError: A number is out of range, a name is unknown, or the file exists.
       OutputError: The file cannot be written.
     """
-    from omnimj.wheels import WheeledRobot, robot_file
+    from omnimj.wheels import robot_file, wheeled_robot
     from omnimj.wheels.robot import wheel_of_layout
 
     require_writable(arguments.out, arguments.force)
@@ -119,7 +119,7 @@ def run_robot(arguments: Any) -> int:
         if name in given:
             rule = "mecanum wheels have --wheelbase and --track, omni wheels --arm"
             raise InputError(f"--{name}", f"is not of {arguments.layout}", rule)
-    robot, contact = WheeledRobot(arguments.layout, wheel, **given), _contact(arguments)
+    robot, contact = wheeled_robot(arguments.layout, wheel, **given), _contact(arguments)
     text = robot_file(robot, contact, arguments.touch, arguments.bare, command_line(arguments))
     _write(arguments, text, _robot_content(robot) | _content(wheel, contact))
     return 0
@@ -140,7 +140,7 @@ def _wheel(arguments: Any, make: Any) -> RollerWheel:
         if not belongs:
             kind, other = ("mecanum", "omni") if slanted else ("omni", "mecanum")
             raise InputError(
-                f"--{name.replace('_', '-')}", f"is not of {kind} wheels", f"of {other} wheels only"
+                f"--{name.replace('_', '-')}", f"is of {other} wheels only", f"these are {kind} wheels"
             )
         given[name] = math.radians(value) if name == "roller_angle" else value
     return make(**given)

@@ -7,7 +7,7 @@
 """
 
 from omnimj.wheels.contact import SolverContact
-from omnimj.wheels.robot import LAYOUTS, WheeledRobot
+from omnimj.wheels.robot import LAYOUTS, WheeledRobot, wheeled_robot
 from omnimj.wheels.robot_xml import robot_file
 from omnimj.wheels.wheel import RollerWheel, mecanum_wheel, omni_wheel
 from omnimj.wheels.wheel_xml import wheel_file
@@ -21,4 +21,5 @@ __all__ = [
     "omni_wheel",
     "robot_file",
     "wheel_file",
+    "wheeled_robot",
 ]

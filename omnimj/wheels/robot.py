@@ -148,6 +148,46 @@ class WheeledRobot:
         return friction * self.mass * 9.81 * self.wheel.radius / len(self.mounts)
 
 
+def wheeled_robot(
+    layout: str = "omni4",
+    wheel: RollerWheel | None = None,
+    *,
+    mass: float | None = None,
+    arm: float | None = None,
+    wheelbase: float | None = None,
+    track: float | None = None,
+    top_speed: float = 2.0,
+    actuators: str = "velocity",
+) -> WheeledRobot:
+    """Return a robot; what is None is in proportion to the wheels.
+
+    Args:
+      layout: Name in `LAYOUTS`.
+      wheel: Wheel; that of 50 mm radius which the layout needs when None.
+      mass: Mass with wheels [kg]; 15 kg · (R/50 mm)² when None, or three times the wheels' if that is more.
+      arm: Distance of omni wheels from the centre [m]; 5 R when None.
+      wheelbase: Distance from front to rear mecanum wheels [m]; 8 R when None.
+      track: Distance from left to right mecanum wheels [m]; 8 R when None.
+      top_speed: Largest commanded speed of a wheel at its rim [m/s].
+      actuators: One of `ACTUATORS`.
+
+    Raises:
+      InputError, UnknownNameError: As in `WheeledRobot`.
+    """
+    wheel = wheel_of_layout(layout)() if wheel is None else wheel
+    usual = max(15.0 * (wheel.radius / 0.05) ** 2, 12.0 * wheel.mass)
+    return WheeledRobot(
+        layout,
+        wheel,
+        usual if mass is None else mass,
+        5.0 * wheel.radius if arm is None else arm,
+        8.0 * wheel.radius if wheelbase is None else wheelbase,
+        8.0 * wheel.radius if track is None else track,
+        top_speed,
+        actuators,
+    )
+
+
 def _require(name: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high or value == 0.0:
         rule = (

@@ -234,7 +234,7 @@ _RANGES = {
     "rollers": (3, MAX_ROLLERS, ""),
     "rows": (1, MAX_ROWS, ""),
     "roller_angle": (math.radians(20.0), math.radians(160.0), " rad"),
-    "mass": (1e-4, 1000.0, " kg"),
+    "mass": (1e-4, 1e5, " kg"),
 }
 
 

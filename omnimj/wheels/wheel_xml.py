@@ -15,6 +15,7 @@ from omnimj.wheels.wheel import OMNI, RollerWheel
 
 _RINGS, _AROUND = 7, 12  # vertices of a roller's mesh along its axis and around it
 _MAX_LOAD = 1e4  # [kg]
+MUJOCO_STEP = 0.002  # [s] MuJoCo's default, with which the file of a wheel has no options that may conflict
 
 
 def numbers(*values: float) -> str:
@@ -203,13 +204,12 @@ def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, co
         "The carriage slides along x, y and z without turning, and rests on the wheel, whose speed is set.",
         'To use the wheel elsewhere: <attach model="…" body="wheel" prefix="left_"/>. Its axle is y.',
     )
-    moved = load + wheel.mass
-    gain = 50.0 * moved * wheel.radius**2
+    gain = 0.5 * wheel.inertia / contact.timestep  # a wheel in the air is stable below four times this
+    step = "" if contact.timestep == MUJOCO_STEP else f'\n  <option timestep="{numbers(contact.timestep)}"/>'
     return f"""\
 <mujoco model="{kind}">
 {indented(head_comment(lines), 2)}
-  <compiler angle="degree" autolimits="true"/>
-  <option timestep="{numbers(contact.timestep)}" integrator="implicitfast" cone="elliptic"/>
+  <compiler angle="degree" autolimits="true"/>{step}
   <statistic center="0 0 {numbers(wheel.radius)}" extent="{numbers(6.0 * wheel.radius)}"/>
 {indented(SURROUNDINGS + made_by(command), 2)}
 
