@@ -77,6 +77,8 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--top-speed", metavar="V", type=length, help=words)
     words = "what rollers touch: floor (default, fast), or everything, such as ramps and other objects"
     parser.add_argument("--touch", metavar="T", default="floor", help=words)
+    words = "write a model file of the same robot here, which omnimj run --model drives"
+    parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     parser.add_argument("--bare", action="store_true", help="leave out what is only seen: faster steps")
     _add_wheel(parser, "--wheel-mass")
     _add_contact(parser, 0.001)
@@ -107,10 +109,12 @@ def run_robot(arguments: Any) -> int:
       InputError, UnknownNameError: A number is out of range, a name is unknown, or the file exists.
       OutputError: The file cannot be written.
     """
-    from omnimj.wheels import robot_file, wheeled_robot
+    from omnimj.wheels import model_text, robot_file, wheeled_robot
     from omnimj.wheels.robot import wheel_of_layout
 
     require_writable(arguments.out, arguments.force)
+    if arguments.model is not None:
+        require_writable(arguments.model, arguments.force, "--model")
     wheel = _wheel(arguments, wheel_of_layout(arguments.layout))
     names = ("mass", "arm", "wheelbase", "track", "actuators", "top_speed")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
@@ -121,6 +125,8 @@ def run_robot(arguments: Any) -> int:
             raise InputError(f"--{name}", f"is not of {arguments.layout}", rule)
     robot, contact = wheeled_robot(arguments.layout, wheel, **given), _contact(arguments)
     text = robot_file(robot, contact, arguments.touch, arguments.bare, command_line(arguments))
+    if arguments.model is not None:
+        _write_text(arguments.model, model_text(robot))
     _write(arguments, text, _robot_content(robot) | _content(wheel, contact))
     return 0
 
@@ -184,11 +190,19 @@ def _robot_content(robot: WheeledRobot) -> dict[str, Any]:
     }
 
 
-def _write(arguments: Any, text: str, content: dict[str, Any]) -> None:
+def _write_text(path: Path, text: str) -> None:
+    from omnimj.errors import write_failure
     from omnimj.recording.json_files import write_text
 
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out, text)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise write_failure(path, error) from None
+    write_text(path, text)
+
+
+def _write(arguments: Any, text: str, content: dict[str, Any]) -> None:
+    _write_text(arguments.out, text)
     if arguments.json:
         print(format_json(content | {"file": str(arguments.out), "command": command_line(arguments)}))
         return

@@ -4,9 +4,11 @@
 `contact`            contact of the rollers in MuJoCo's own solver
 `robot`              layouts of wheels under a body, their kinematics
 `wheel_xml`, `robot_xml`   the files
+`model_text`         model file of the same robot for omnimj's twin
 """
 
 from omnimj.wheels.contact import SolverContact
+from omnimj.wheels.model_text import model_text
 from omnimj.wheels.robot import LAYOUTS, WheeledRobot, wheeled_robot
 from omnimj.wheels.robot_xml import robot_file
 from omnimj.wheels.wheel import RollerWheel, mecanum_wheel, omni_wheel
@@ -18,6 +20,7 @@ __all__ = [
     "SolverContact",
     "WheeledRobot",
     "mecanum_wheel",
+    "model_text",
     "omni_wheel",
     "robot_file",
     "wheel_file",
