@@ -153,9 +153,9 @@ def _wheel(arguments: Any, make: Any) -> RollerWheel:
 
 
 def _contact(arguments: Any) -> SolverContact:
-    from omnimj.wheels import SolverContact
+    from omnimj.wheels import solver_contact
 
-    return SolverContact(friction=arguments.friction, timestep=arguments.timestep)
+    return solver_contact(arguments.radius, arguments.friction, arguments.timestep)
 
 
 def _content(wheel: RollerWheel, contact: SolverContact) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from omnimj.view.plots.static import FONTS, WIDTH, svg_file
 from omnimj.view.poses import visible_model
 from omnimj.view.report.gap import write_gap_report
 from omnimj.view.residuals import families
-from omnimj.wheels import LAYOUTS, SolverContact, robot_file, wheeled_robot
+from omnimj.wheels import LAYOUTS, robot_file, wheeled_robot
 
 _CURRENTS = (0.45, 0.6, 0.9, 1.35)  # [A] motor currents of the rig
 _LABELS_AT = 0.9  # [m/s] speed at which curves are labelled
@@ -205,7 +205,7 @@ def make_wheels(path: Path) -> None:
     width, height = _SHOT_SIZE
     sheet = np.full((height, len(LAYOUTS) * (width + _GAP) - _GAP, 3), 255, np.uint8)
     for column, layout in enumerate(LAYOUTS):
-        mj_model = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout), SolverContact()))
+        mj_model = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout)))
         (pixels,) = frames(mj_model, [(mj_model.qpos0, _WHEELS_CAMERA, np.empty((0, 2)))], _SHOT_SIZE)
         left = column * (width + _GAP)
         sheet[:, left : left + width] = pixels

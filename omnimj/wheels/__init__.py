@@ -7,7 +7,7 @@
 `model_text`         model file of the same robot for omnimj's twin
 """
 
-from omnimj.wheels.contact import SolverContact
+from omnimj.wheels.contact import SolverContact, solver_contact
 from omnimj.wheels.model_text import model_text
 from omnimj.wheels.robot import LAYOUTS, WheeledRobot, wheeled_robot
 from omnimj.wheels.robot_xml import robot_file
@@ -23,6 +23,7 @@ __all__ = [
     "model_text",
     "omni_wheel",
     "robot_file",
+    "solver_contact",
     "wheel_file",
     "wheeled_robot",
 ]

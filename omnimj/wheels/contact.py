@@ -12,11 +12,12 @@ _RANGES = {
     "friction": (0.05, 5.0),
     "timestep": (1e-4, 0.01),
 }
+_USUAL_RADIUS = 0.05  # [m] of the wheels for which the defaults were chosen
 
 
 @dataclass(frozen=True)
 class SolverContact:
-    """Contact parameters of the rollers, chosen by the table of `omnimj bench --wheels`.
+    """Contact parameters of the rollers; the defaults, for wheels of 50 mm, by `omnimj bench --wheels`.
 
     The softer the contact, the deeper the rollers sink in and the slower the robot rolls; the harder it is,
     the fewer wheels carry the robot at a time. Sliding friction is all that a roller transmits (condim 3):
@@ -45,3 +46,24 @@ class SolverContact:
         if self.time_constant < 2.0 * self.timestep:
             rule = f"must be at most {0.5 * self.time_constant:g} s, half the contact's time constant"
             raise InputError("contact: timestep", f"found {self.timestep:g} s", rule)
+
+
+def solver_contact(radius: float, friction: float = 0.8, timestep: float = 0.001) -> SolverContact:
+    """Return the contact for wheels of a radius.
+
+    Rollers sink in by about (1 − impedance) g τ², whatever their load; on wheels below 50 mm both factors
+    shrink with the radius, as far as the step allows.
+
+    Args:
+      radius: Radius of the wheels [m].
+      friction: Friction coefficient between roller and floor.
+      timestep: Step [s].
+
+    Raises:
+      InputError: As in `SolverContact`.
+    """
+    scale = min(1.0, radius / _USUAL_RADIUS)
+    usual = SolverContact()
+    time_constant = max(scale * usual.time_constant, min(2.0 * timestep, usual.time_constant))
+    impedance = round(1.0 - scale * (1.0 - usual.impedance), 4)
+    return SolverContact(time_constant, min(impedance, _RANGES["impedance"][1]), friction, timestep)

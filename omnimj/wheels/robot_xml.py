@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from omnimj.errors import UnknownNameError
-from omnimj.wheels.contact import SolverContact
+from omnimj.wheels.contact import SolverContact, solver_contact
 from omnimj.wheels.robot import WheeledRobot
 from omnimj.wheels.wheel_xml import (
     FLOOR,
@@ -27,7 +27,7 @@ TOUCHED = ("floor", "everything")
 
 def robot_file(
     robot: WheeledRobot,
-    contact: SolverContact,
+    contact: SolverContact | None = None,
     touch: str = "floor",
     bare: bool = False,
     command: str = "",
@@ -36,7 +36,7 @@ def robot_file(
 
     Args:
       robot: Robot to write.
-      contact: Contact of its rollers with the floor.
+      contact: Contact of its rollers with the floor; that of `solver_contact` when None.
       touch: One of `TOUCHED`.
       bare: Whether to leave out what is only seen, which takes time in every step.
       command: Command line that makes the file, kept in it.
@@ -46,6 +46,7 @@ def robot_file(
     """
     if touch not in TOUCHED:
         raise UnknownNameError("robot", "value of touch", touch, TOUCHED)
+    contact = solver_contact(robot.wheel.radius) if contact is None else contact
     in_pairs, radius = touch == "floor", robot.wheel.radius
     size = 2.0 * max(robot.half_sides[:2]) + 2.0 * radius
     pairs = f"\n\n  <contact>\n{indented(_pairs(robot), 4)}\n  </contact>" if in_pairs else ""

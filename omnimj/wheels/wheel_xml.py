@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.wheels.contact import SolverContact
+from omnimj.wheels.contact import SolverContact, solver_contact
 from omnimj.wheels.wheel import OMNI, RollerWheel
 
 _RINGS, _AROUND = 7, 12  # vertices of a roller's mesh along its axis and around it
@@ -182,14 +182,16 @@ FLOOR = """\
 """
 
 
-def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, command: str = "") -> str:
+def wheel_file(
+    wheel: RollerWheel, contact: SolverContact | None = None, load: float = 3.0, command: str = ""
+) -> str:
     """Write an MJCF file of one wheel, which carries a load on a floor and is driven along it.
 
     The wheel is the body `wheel`: `<attach model="FILE" body="wheel" prefix="left_"/>` puts it elsewhere.
 
     Args:
       wheel: Wheel to write.
-      contact: Contact of its rollers with the floor.
+      contact: Contact of its rollers with the floor; when None, that of `solver_contact` at MuJoCo's step.
       load: Mass on the axle, without the wheel [kg].
       command: Command line that makes the file, kept in it.
 
@@ -198,6 +200,7 @@ def wheel_file(wheel: RollerWheel, contact: SolverContact, load: float = 3.0, co
     """
     if not 0.0 < load <= _MAX_LOAD:
         raise InputError("wheel: load", f"found {load:g} kg", f"must be above 0 and at most {_MAX_LOAD:g} kg")
+    contact = solver_contact(wheel.radius, timestep=MUJOCO_STEP) if contact is None else contact
     kind = "omni_wheel" if wheel.roller_angle == OMNI else "mecanum_wheel"
     lines = (
         *describe(wheel),

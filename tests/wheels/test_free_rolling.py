@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnimj.wheels import SolverContact, omni_wheel, robot_file, wheeled_robot
+from omnimj.wheels import SolverContact, mecanum_wheel, omni_wheel, robot_file, wheeled_robot
 
 SPEED, RADIUS = 0.5, 0.05
 
@@ -25,7 +25,7 @@ def wheel_speeds(layout, v_x, v_y, yaw_rate=0.0):
 
 def drive(layout, twist, seed, seconds=1.0, contact=None):
     """Mean velocity in the body's frame, yaw rates, and heights of a driven robot."""
-    m = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout), contact or SolverContact()))
+    m = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout), contact))
     d = mujoco.MjData(m)
     command = wheel_speeds(layout, *twist)
     rng = np.random.default_rng(seed)
@@ -76,6 +76,23 @@ def test_a_robot_turns_on_the_spot_at_the_yaw_rate_of_its_kinematics(layout, yaw
 def test_the_file_s_kinematics_are_the_textbook_s(layout):
     for twist in np.random.default_rng(0).normal(size=(5, 3)):
         assert wheeled_robot(layout).wheel_speeds(twist) == pytest.approx(wheel_speeds(layout, *twist))
+
+
+@pytest.mark.parametrize("layout", ["omni4", "mecanum4"])
+@pytest.mark.parametrize("radius", [0.01, 0.02, 0.2])
+def test_robots_of_other_sizes_roll_as_their_kinematics_say(layout, radius):
+    wheel = (omni_wheel if layout == "omni4" else mecanum_wheel)(radius)
+    m = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout, wheel)))
+    d = mujoco.MjData(m)
+    command = wheel_speeds(layout, 0.2, 0.0) * RADIUS / radius
+    for k in range(1000):
+        d.ctrl[:] = min(1.0, k / 500.0) * command
+        mujoco.mj_step(m, d)
+    speeds = []
+    for _ in range(1000):
+        mujoco.mj_step(m, d)
+        speeds.append(d.sensor("velocity").data[0])
+    assert np.mean(speeds) == pytest.approx(0.2, rel=0.008 if radius < 0.02 else 0.005)
 
 
 def test_mujoco_s_default_contact_rolls_slower_than_the_chosen_one():

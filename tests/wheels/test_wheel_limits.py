@@ -5,7 +5,7 @@ import math
 import pytest
 
 from omnimj.errors import InputError
-from omnimj.wheels import SolverContact, WheeledRobot, mecanum_wheel, omni_wheel, wheel_file
+from omnimj.wheels import SolverContact, WheeledRobot, mecanum_wheel, omni_wheel, solver_contact, wheel_file
 
 REFUSED = [
     (
@@ -16,7 +16,7 @@ REFUSED = [
     (lambda: omni_wheel(rows=1), r"the rollers overlap; .*may be up to 0\.0065 m"),
     (lambda: omni_wheel(rows=0), r"rows: found 0; must be at least 1 and at most 4"),
     (lambda: omni_wheel(rollers=2), r"rollers: found 2; must be at least 3"),
-    (lambda: omni_wheel(rollers=9.5), r"rollers: found 9\.5; must be a whole number"),
+    (lambda: omni_wheel(rollers=9.5), r"rollers: found 9\.5; must be a whole number"),  # pyright: ignore[reportArgumentType]
     (lambda: omni_wheel(roller_radius=0.03), r"roller_radius: found 0\.03; must be .* at most 0\.02 m"),
     (lambda: omni_wheel(roller_radius=0.015), r"with 9 the roller radius may be up to 0\.0\d+ m"),
     (lambda: omni_wheel(row_spacing=0.01), r"row_spacing: found 0\.01; must be at least 0\.018 m, or rows"),
@@ -55,6 +55,13 @@ def test_every_count_and_radius_that_a_message_offers_is_accepted():
     with pytest.raises(InputError):
         omni_wheel(rollers=16)
     assert omni_wheel(rows=1, roller_radius=0.0065).rows == 1
+
+
+def test_the_contact_of_small_wheels_is_harder_as_far_as_the_step_allows():
+    assert solver_contact(0.05) == solver_contact(0.5) == SolverContact()
+    assert solver_contact(0.02) == SolverContact(0.002, 0.988)
+    assert solver_contact(0.02, timestep=0.002).time_constant == 0.004
+    assert solver_contact(0.005, timestep=1e-4) == SolverContact(0.001, 0.997, timestep=1e-4)
 
 
 @pytest.mark.parametrize("radius", [0.005, 0.02, 0.1, 0.5, 1.0])

@@ -14,6 +14,7 @@ import mujoco
 from omnimj.errors import InputError
 from omnimj.parameters import Motor, Robot, Wheel
 from omnimj.parameters.robot import WheelMount
+from omnimj.plant.mujoco import slots
 
 _NOT_READ = "is not a model that MuJoCo reads"
 
@@ -72,7 +73,7 @@ _OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
 def robot_mjcf(robot: Robot, path: Path) -> bytes:
     """MJCF of a robot with the wheels of its model file, in place of `uto_robot.xml`.
 
-    Corners, motors and contact sensors are copies of those of wheel 1; positions and masses are written into
+    Corners and motors are copies of those of wheel 1; positions and masses are written into
     the parsed model later.
 
     Args:
@@ -90,7 +91,6 @@ def robot_mjcf(robot: Robot, path: Path) -> bytes:
     chassis = _found(root, ".//body[@name='chassis']")
     _replicate(chassis, "corner_1", r"corner_\d+", count)
     _replicate(_found(root, "actuator"), "motor_1", r"motor_\d+", count)
-    _replicate(_found(root, "sensor"), "wheel_1_contact", r"wheel_\d+_contact", count)
     _set_frames(chassis, robot.wheels)
     for asset in root.iterfind(".//model[@file]"):
         asset.set("file", str((path.parent / Path(asset.get("file", ""))).resolve()))
@@ -192,7 +192,8 @@ def native_contact(spec: mujoco.MjSpec, prefix: str, motor: str, activations: in
     """Leave the contact of a wheel's rollers and its motor to the native callback.
 
     A negative margin keeps the rollers out of MuJoCo's solver, the gap lets MuJoCo list their contacts; the
-    activations hold bristle deflections and motor currents.
+    activations hold bristle deflections and motor currents. A user sensor takes slip velocity, normal force,
+    traction and what else `slots.SENSOR_FIELDS` names.
 
     Args:
       spec: Model to change, whose file describes contact and motor of plain MuJoCo.
@@ -209,6 +210,14 @@ def native_contact(spec: mujoco.MjSpec, prefix: str, motor: str, activations: in
     actuator = part(spec, "actuator", motor)
     actuator.dyntype, actuator.actdim = mujoco.mjtDyn.mjDYN_USER, activations
     actuator.gainprm[0] = 0.0
+    spec.add_sensor(
+        name=f"{prefix}contact",
+        type=mujoco.mjtSensor.mjSENS_USER,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        objname=f"{prefix}wheel",
+        dim=len(slots.SENSOR_FIELDS),
+        needstage=mujoco.mjtStage.mjSTAGE_POS,  # in which MuJoCo zeroes it, before the callback writes it
+    )
 
 
 def write_wheel(
