@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from omnimj.errors import InputError
 
 _RANGES = {
-    "time_constant": (1e-3, 0.1),
+    "time_constant": (2e-4, 0.1),
     "impedance": (0.5, 0.999),
     "friction": (0.05, 5.0),
     "timestep": (1e-4, 0.01),
@@ -64,6 +64,6 @@ def solver_contact(radius: float, friction: float = 0.8, timestep: float = 0.001
     """
     scale = min(1.0, radius / _USUAL_RADIUS)
     usual = SolverContact()
-    time_constant = max(scale * usual.time_constant, min(2.0 * timestep, usual.time_constant))
+    time_constant = max(round(scale * usual.time_constant, 7), min(2.0 * timestep, usual.time_constant))
     impedance = round(1.0 - scale * (1.0 - usual.impedance), 4)
     return SolverContact(time_constant, min(impedance, _RANGES["impedance"][1]), friction, timestep)

@@ -65,10 +65,10 @@ class WheeledRobot:
         if slanted == (self.wheel.roller_angle == OMNI):
             kind, needed = ("omni", "mecanum") if slanted else ("mecanum", "omni")
             raise InputError("robot: wheel", f"is of the kind {kind}", f"{self.layout} needs {needed} wheels")
-        for name, high in (("mass", 1e4), ("arm", 10.0), ("wheelbase", 20.0), ("track", 20.0)):
+        for name, high in (("mass", 1e5), ("arm", 10.0), ("wheelbase", 20.0), ("track", 20.0)):
             _require(name, getattr(self, name), 0.0, high)
         _require("top_speed", self.top_speed, 0.0, 100.0)
-        _require("mass", self.mass, 1.2 * len(self.mounts) * self.wheel.mass, 1e4)
+        _require("mass", self.mass, 1.2 * len(self.mounts) * self.wheel.mass, 1e5)
         if slanted:
             _require("wheelbase", self.wheelbase, 2.02 * self.wheel.radius, 20.0)
             _require("track", self.track, 1.2 * self.wheel.width, 20.0)

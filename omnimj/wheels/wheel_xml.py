@@ -20,7 +20,7 @@ MUJOCO_STEP = 0.002  # [s] MuJoCo's default, with which the file of a wheel has 
 
 def numbers(*values: float) -> str:
     """Return numbers for an attribute, separated by blanks."""
-    return " ".join(f"{value:.8g}" if abs(value) > 1e-12 else "0" for value in values)
+    return " ".join(f"{value:.8g}" if abs(value) > 1e-15 else "0" for value in values)
 
 
 def indented(text: str, by: int) -> str:
@@ -72,9 +72,7 @@ def wheel_assets(wheel: RollerWheel) -> str:
         radius = wheel.roller_radius * math.sqrt(1.0 - (x / long) ** 2)
         for turn in np.arange(_AROUND) * 2.0 * math.pi / _AROUND:
             point = (x, radius * math.cos(turn), radius * math.sin(turn))
-            vertices.append(
-                " ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in point).replace("-0 ", "0 ")
-            )
+            vertices.append(" ".join(f"{value:.4g}" if abs(value) > 1e-12 else "0" for value in point))
     lines = ["  ".join(vertices[k : k + 4]) for k in range(0, len(vertices), 4)]
     return f"""\
 <material name="rubber" rgba="0.20 0.22 0.25 1" specular="0.2" shininess="0.2"/>

@@ -130,6 +130,17 @@ def test_a_robot_at_rest_stays_at_rest(name):
     assert 0.0 < 0.05 - d.qpos[2] < 1e-4
 
 
+@pytest.mark.parametrize("radius", [0.005, 1.0])
+@pytest.mark.parametrize("layout", ["omni3", "mecanum4"])
+def test_the_smallest_and_the_largest_robot_stand(layout, radius):
+    wheel = (mecanum_wheel if layout == "mecanum4" else omni_wheel)(radius)
+    m = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout, wheel)))
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d, 1000)
+    assert d.qpos[2] == pytest.approx(radius, rel=0.01)
+    assert np.abs(d.qvel[:6]).max() < 0.01
+
+
 @pytest.mark.parametrize("kind", ["omni", "mecanum"])
 def test_a_wheel_file_attaches_to_another_body(kind):
     spec = mujoco.MjSpec.from_string(

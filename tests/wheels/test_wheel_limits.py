@@ -61,7 +61,7 @@ def test_the_contact_of_small_wheels_is_harder_as_far_as_the_step_allows():
     assert solver_contact(0.05) == solver_contact(0.5) == SolverContact()
     assert solver_contact(0.02) == SolverContact(0.002, 0.988)
     assert solver_contact(0.02, timestep=0.002).time_constant == 0.004
-    assert solver_contact(0.005, timestep=1e-4) == SolverContact(0.001, 0.997, timestep=1e-4)
+    assert solver_contact(0.005, timestep=1e-4) == SolverContact(0.0004, 0.997, timestep=1e-4)
 
 
 @pytest.mark.parametrize("radius", [0.005, 0.02, 0.1, 0.5, 1.0])
