@@ -1,6 +1,7 @@
 """Omni and mecanum wheels as MJCF files that plain MuJoCo rolls, alone or under a drivable body.
 
-`wheel`, `outline`   the wheel: numbers, checks; closed forms of outline and hand-over
+`wheel`, `limits`    the wheel: its numbers, and which of them are possible
+`ring`, `outline`    rollers around a wheel; closed forms of outline and hand-over
 `contact`            contact of the rollers in MuJoCo's own solver
 `robot`              layouts of wheels under a body, their kinematics
 `wheel_xml`, `robot_xml`   the files

@@ -11,7 +11,8 @@ import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.signals import Array
-from omnimj.wheels.wheel import OMNI, RollerWheel, mecanum_wheel, omni_wheel
+from omnimj.wheels.ring import OMNI
+from omnimj.wheels.wheel import RollerWheel, mecanum_wheel, omni_wheel
 
 ACTUATORS = ("velocity", "motor")
 """Kinds of actuator: a speed controller per wheel [rad/s], or a torque [N.m]."""

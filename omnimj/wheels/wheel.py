@@ -1,25 +1,15 @@
-"""Record of a wheel with passive rollers: numbers given, checks, and what follows from them."""
+"""Record of a wheel with passive rollers: numbers given, and what follows from them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
-from omnimj.errors import InputError
-from omnimj.wheels import outline
+from omnimj.wheels.limits import RANGES, check_mass, check_range, check_ring
+from omnimj.wheels.ring import MECANUM, OMNI, RollerRing
 
-OMNI, MECANUM = 0.5 * math.pi, 0.25 * math.pi
-"""Usual angles between roller axis and axle [rad]."""
 ROLLER_DENSITY = 1500.0  # [kg/m3] urethane around a steel pin
-MAX_ROLLERS, MAX_ROWS = 60, 4
-_MAX_DROP = 0.02  # of the radius; deeper drops shake the robot more than its wheels carry it
-_REACH_MARGIN = 1.1  # of the contact's reach at hand-over, by which a roller is longer at least
-_ROOM = 0.01  # of the radius, that neighbouring rollers keep between them
-_SHORTEST = 0.7  # of its thickness, the length of a roller that pins can hold
-_WHOLE = 0.98  # of an ellipsoid's long semi-axis, the longest cut: pins need a flat end
 _MASS_PER_VOLUME = 2800.0  # [kg/m3] mass of common wheels over the cube of their radius
-_MAX_ROLLER_SHARE = 0.8  # of the wheel's mass
 
 
 @dataclass(frozen=True)
@@ -46,53 +36,45 @@ class RollerWheel:
     """Mass of the wheel with its rollers [kg]."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
-        _check_rows(self)
-        _check_rollers(self)
-        _check_mass(self)
+        for name in RANGES:
+            check_range(name, getattr(self, name))
+        check_ring(self.ring, self.row_spacing)
+        check_mass(self.mass, self.count * self.roller_mass)
+
+    @property
+    def ring(self) -> RollerRing:
+        """Rollers around the wheel."""
+        return RollerRing(self.radius, self.roller_radius, self.rollers, self.rows, self.roller_angle)
 
     @property
     def count(self) -> int:
         """Rollers N of all rows."""
-        return self.rows * self.rollers
+        return self.ring.count
 
     @property
     def mounted_angle(self) -> float:
-        """Angle γ_m between roller axis and axle as built [rad]: tan γ_m = tan γ · θ/sin θ, θ = π/N.
-
-        Between hand-overs a roller tilts by up to θ, and its angle as seen from above shrinks on average
-        by `outline.mean_projection`; built like this, the wheel's mean kinematics are those of γ.
-        """
-        if self.roller_angle == OMNI:
-            return OMNI
-        s, c = math.sin(self.roller_angle), math.cos(self.roller_angle)
-        return math.atan2(s, c * outline.mean_projection(math.pi / self.count))
+        """Angle between roller axis and axle as built [rad]; see `RollerRing.mounted_angle`."""
+        return self.ring.mounted_angle
 
     @property
     def half_length(self) -> float:
         """Long semi-axis L of a roller's ellipsoid [m]."""
-        return outline.half_length(self.radius, self.roller_radius, self.mounted_angle)
+        return self.ring.half_length
 
     @property
     def drop(self) -> float:
         """Drop of the hub at hand-over from roller to roller [m]."""
-        return outline.hand_over_drop(self.radius, self.roller_radius, self.count)
+        return self.ring.drop
 
     @property
     def reach(self) -> float:
         """Distance of the contact at hand-over from the roller's middle, along its axis [m]."""
-        return outline.contact_reach(self.radius, self.roller_radius, self.mounted_angle, self.count)
+        return self.ring.reach
 
     @property
     def roller_half_length(self) -> float:
         """Half length c of a roller as built, the longest that leaves room to its neighbours [m]."""
-        short, long = _shortest(self), _WHOLE * self.half_length
-        if _room(self, long) >= _ROOM * self.radius:
-            return long
-        for _ in range(30):
-            middle = 0.5 * (short + long)
-            short, long = (middle, long) if _room(self, middle) >= _ROOM * self.radius else (short, middle)
-        return short
+        return self.ring.roller_half_length
 
     @property
     def width(self) -> float:
@@ -207,109 +189,3 @@ def _in_proportion(
     spacing = 22.0 / 9.0 * b if row_spacing is None else row_spacing
     weight = _MASS_PER_VOLUME * radius**3 if mass is None else mass
     return RollerWheel(radius, b, rollers, rows, angle, spacing, weight)
-
-
-def _room(wheel: RollerWheel, cut: float) -> float:
-    return outline.room_between(wheel.radius, wheel.roller_radius, wheel.mounted_angle, wheel.rollers, cut)
-
-
-def _shortest(wheel: RollerWheel) -> float:
-    """Half length with which a roller hands over to the next, and is not a mere disc [m]."""
-    return max(_REACH_MARGIN * wheel.reach, _SHORTEST * wheel.roller_radius)
-
-
-def _fits(wheel: RollerWheel) -> bool:
-    """True if rollers that are long enough leave room to their neighbours."""
-    shortest = _shortest(wheel)
-    return shortest <= _WHOLE * wheel.half_length and _room(wheel, shortest) >= _ROOM * wheel.radius
-
-
-def _refuse(name: str, found: object, rule: str) -> None:
-    shown = f"{found:g}" if isinstance(found, float) else str(found)
-    raise InputError(f"wheel: {name}", f"found {shown}", rule)
-
-
-_RANGES = {
-    "radius": (0.005, 1.0, " m"),
-    "rollers": (3, MAX_ROLLERS, ""),
-    "rows": (1, MAX_ROWS, ""),
-    "roller_angle": (math.radians(20.0), math.radians(160.0), " rad"),
-    "mass": (1e-4, 1e5, " kg"),
-}
-
-
-def _check_numbers(wheel: RollerWheel) -> None:
-    for field in fields(wheel):
-        value = getattr(wheel, field.name)
-        if field.name in ("rollers", "rows") and not isinstance(value, int):
-            _refuse(field.name, value, "must be a whole number")
-        if field.name in _RANGES:
-            low, high, unit = _RANGES[field.name]
-            if not low <= value <= high:  # also not for nan
-                _refuse(field.name, value, f"must be at least {low:.4g} and at most {high:.4g}{unit}")
-    low, high = 0.02 * wheel.radius, 0.4 * wheel.radius
-    if not low <= wheel.roller_radius <= high:
-        rule = f"must be at least {low:.4g} and at most {high:.4g} m, 0.02 to 0.4 of the wheel's radius"
-        _refuse("roller_radius", wheel.roller_radius, rule)
-
-
-def _check_rows(wheel: RollerWheel) -> None:
-    if wheel.rows == 1:
-        return
-    low, high = 2.0 * wheel.roller_radius, 2.0 * wheel.radius
-    if wheel.roller_angle != OMNI:
-        _refuse("rows", wheel.rows, "must be 1 for slanted rollers")
-    if not low <= wheel.row_spacing <= high:
-        rule = f"must be at least {low:.4g} m, or rows overlap, and at most {high:.4g} m"
-        _refuse("row_spacing", wheel.row_spacing, rule)
-
-
-def _check_rollers(wheel: RollerWheel) -> None:
-    if wheel.drop > _MAX_DROP * wheel.radius:
-        fewest = next(n for n in range(3, 4 * MAX_ROLLERS) if _drop_of(wheel, n) <= _MAX_DROP * wheel.radius)
-        rule = f"the hub would drop by {1e3 * wheel.drop:.2g} mm from roller to roller, more than 2 % of the "
-        rule += f"radius; at least {fewest} in a row are needed"
-        _refuse("rollers", f"{wheel.rollers} in a row", rule)
-    if not _fits(wheel):
-        rule = "the rollers overlap"
-        _refuse("rollers", f"{wheel.rollers} in a row", f"{rule}; {_what_fits(wheel)}")
-
-
-def _drop_of(wheel: RollerWheel, rollers: int) -> float:
-    return outline.hand_over_drop(wheel.radius, wheel.roller_radius, wheel.rows * rollers)
-
-
-def _variants(wheel: RollerWheel, name: str, values: Iterator[float]) -> Iterator[float]:
-    """Yield those values of a number with which the rollers fit."""
-    for value in values:
-        other = object.__new__(RollerWheel)  # unchecked
-        for field in fields(wheel):
-            object.__setattr__(other, field.name, getattr(wheel, field.name))
-        object.__setattr__(other, name, value)
-        if _fits(other):
-            yield value
-
-
-def _what_fits(wheel: RollerWheel) -> str:
-    counts = [
-        n
-        for n in _variants(wheel, "rollers", iter(range(3, MAX_ROLLERS + 1)))
-        if _drop_of(wheel, int(n)) <= _MAX_DROP * wheel.radius
-    ]
-    radii = [wheel.radius * (0.02 + 0.002 * k) for k in range(191)]
-    radii = list(_variants(wheel, "roller_radius", iter(radii)))
-    known = f"{wheel.roller_radius:.4g} m"
-    parts = []
-    if counts:
-        fit = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"only {counts[0]}"
-        parts.append(f"with roller radius {known} {fit} in a row fit")
-    if radii:
-        parts.append(f"with {wheel.rollers} the roller radius may be up to {radii[-1]:.4g} m")
-    return ", ".join(parts) or f"with {wheel.rows} row none fit, two rows do"
-
-
-def _check_mass(wheel: RollerWheel) -> None:
-    rollers = wheel.count * wheel.roller_mass
-    if rollers > _MAX_ROLLER_SHARE * wheel.mass:
-        low = rollers / _MAX_ROLLER_SHARE
-        _refuse("mass", wheel.mass, f"must be at least {low:.3g} kg: the rollers alone have {rollers:.3g} kg")

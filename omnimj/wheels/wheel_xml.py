@@ -11,7 +11,8 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.wheels.contact import SolverContact, solver_contact
-from omnimj.wheels.wheel import OMNI, RollerWheel
+from omnimj.wheels.ring import OMNI
+from omnimj.wheels.wheel import RollerWheel
 
 _RINGS, _AROUND = 7, 12  # vertices of a roller's mesh along its axis and around it
 _MAX_LOAD = 1e4  # [kg]

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from omnimj.errors import InputError
 from omnimj.wheels import SolverContact, mecanum_wheel, omni_wheel, robot_file, wheel_file, wheeled_robot
 
 CONTACT, WHEEL_CONTACT = SolverContact(), SolverContact(timestep=0.002)
@@ -89,7 +90,7 @@ def test_a_wheel_turns_with_the_stated_mass_and_inertia(kind):
 
 def hub_heights(m, turns):
     """Height at which the wheel just touches the floor, from MuJoCo's distances of ellipsoids and floor."""
-    m.geom_margin[m.geom("floor").id] = 0.01
+    m.geom_margin[m.geom("floor").id] = 0.1  # so that rollers above the floor are listed, too
     d, heights = mujoco.MjData(m), []
     for turn in turns:
         d.joint("axle").qpos[0] = turn
@@ -176,3 +177,24 @@ def test_rollers_that_touch_everything_climb_a_ramp_and_those_of_the_floor_do_no
         mujoco.mj_step(m, d, 1500)
         heights.append(d.qpos[2])
     assert heights[0] == pytest.approx(0.05, abs=1e-3) and heights[1] > 0.055
+
+
+def test_any_numbers_make_a_file_that_mujoco_opens_or_are_refused():
+    rng, accepted = np.random.default_rng(5), 0
+    for _ in range(60):
+        radius = 10.0 ** rng.uniform(-2.2, -0.1)
+        numbers = {"radius": radius, "roller_radius": radius * rng.uniform(0.03, 0.35)}
+        numbers["rollers"] = int(rng.integers(3, 30))
+        try:
+            if rng.random() < 0.5:
+                wheel = omni_wheel(**numbers, rows=int(rng.integers(1, 5)))
+            else:
+                wheel = mecanum_wheel(**numbers, roller_angle=rng.uniform(0.5, 1.2))
+        except InputError:
+            continue
+        m = mujoco.MjModel.from_xml_string(wheel_file(wheel))
+        heights = hub_heights(m, np.linspace(0.0, 2.0 * math.pi / wheel.count, 21))
+        assert np.ptp(heights) == pytest.approx(wheel.drop, rel=0.01, abs=1e-6 * radius)
+        assert wheel.hub_mass > 0.0 and wheel.inertia > 0.0
+        accepted += 1
+    assert accepted > 15
