@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SPEED = 0.5
 """Speed of the body [m/s]."""
 _SETTLE, _MEASURED = 1.0, 2.0  # [s] speeding up and settling, then the measured drive
-_CHUNK = 100  # steps that are timed together
+_CHUNK = 60  # steps that are timed together
 _CURRENTS = (0.3, -0.8, 0.1, 0.7)  # [A] that move the twin while it is timed
 
 
@@ -203,7 +203,7 @@ class Measured:
 
 
 def measure_wheels(
-    directions: int = 24, seed: int = 1, rounds: int = 60, report: Callable[[int, int], None] | None = None
+    directions: int = 24, seed: int = 1, rounds: int = 100, report: Callable[[int, int], None] | None = None
 ) -> list[Measured]:
     """Measure every case.
 
@@ -240,7 +240,7 @@ def _step_times(chosen: list[Case], models: list[mujoco.MjModel], rounds: int) -
     controls = [np.array(_CURRENTS), *(case.robot.wheel_speeds(np.array([0.3, 0.2, 0.0])) for case in chosen)]
     for model, data, control in zip((own, *models), moving, controls, strict=True):
         data.ctrl[:] = control
-        mujoco.mj_step(model, data, 5 * _CHUNK)
+        mujoco.mj_step(model, data, 10 * _CHUNK)
 
     def step(k: int) -> float:
         return wall_time(lambda: mujoco.mj_step((own, *models)[k], moving[k], _CHUNK))

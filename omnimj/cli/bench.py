@@ -44,7 +44,7 @@ class Effort:
     """Round trips over each wire."""
     directions: int = 24
     """Directions in which a robot on wheels is driven."""
-    wheel_rounds: int = 60
+    wheel_rounds: int = 100
     """Rounds in which its steps are timed."""
 
 
