@@ -54,8 +54,8 @@ def robot_file(
 <mujoco model="{robot.layout}">
 {indented(head_comment(_describe(robot, in_pairs)), 2)}
   <compiler angle="degree" autolimits="true"/>
-  <!-- tolerance: at rest the robot still moves by less than 1 nm in 3 s; island: it is one, and looking for more
-       takes time in every step -->
+  <!-- tolerance: coarser than MuJoCo's, for speed; at rest the robot still moves by less than 1 nm in 3 s.
+       island: the robot is one, and looking for more takes time in every step -->
   <option timestep="{numbers(contact.timestep)}" cone="elliptic" tolerance="1e-6">
     <flag island="disable"/>
   </option>
