@@ -115,3 +115,24 @@ def test_more_rollers_ripple_less():
             heights.append(d.qpos[2])
         ripples.append(np.ptp(heights))
     assert ripples[0] > 2.0 * ripples[1]
+
+
+def test_rollers_mounted_at_45_degrees_drive_sideways_slower_than_45_degrees_say():
+    """On 9 rollers by 1 − sin(20°)/20° = 2 %, which the mounting angle of the files makes up for."""
+    lost = math.sin(math.pi / 9) / (math.pi / 9)
+    speeds = []
+    for angle in (math.atan(lost), math.pi / 4):
+        wheel = mecanum_wheel(rollers=9, roller_angle=angle)
+        m = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot("mecanum4", wheel)))
+        d = mujoco.MjData(m)
+        command = wheel_speeds("mecanum4", 0.0, 0.3)
+        for k in range(1000):
+            d.ctrl[:] = min(1.0, k / 500.0) * command
+            mujoco.mj_step(m, d)
+        found = []
+        for _ in range(1500):
+            mujoco.mj_step(m, d)
+            found.append(d.sensor("velocity").data[1])
+        speeds.append(np.mean(found))
+    assert mecanum_wheel(rollers=9, roller_angle=math.atan(lost)).mounted_angle == pytest.approx(math.pi / 4)
+    assert speeds[0] / speeds[1] == pytest.approx(lost, abs=0.005)
