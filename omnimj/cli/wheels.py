@@ -115,6 +115,8 @@ def run_robot(arguments: Any) -> int:
     require_writable(arguments.out, arguments.force)
     if arguments.model is not None:
         require_writable(arguments.model, arguments.force, "--model")
+        if arguments.model.resolve() == arguments.out.resolve():
+            raise InputError(f"--model {arguments.model}", "is the file of --out", "choose another one")
     wheel = _wheel(arguments, wheel_of_layout(arguments.layout))
     names = ("mass", "arm", "wheelbase", "track", "actuators", "top_speed")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}

@@ -59,6 +59,8 @@ def test_a_robot_is_written_with_the_numbers_given(layout, tmp_path, capsys):
         (("robot", "--mass", "1"), "robot: mass: found 1; must be at least 1.68"),
         (("robot", "--touch", "walls"), "unknown value of touch 'walls'"),
         (("robot", "--actuators", "servo"), "unknown actuator 'servo'"),
+        (("robot", "--model", "file.xml"), "--model file.xml: is the file of --out"),
+        (("robot", "--model", "robot.toml", "--rollers", "8"), "has 16 rollers in 2 rows"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line_and_writes_nothing(refused, argv, message):
