@@ -52,7 +52,7 @@ def check_direction(layout, direction, seed, seconds=1.0):
 
 
 @pytest.mark.parametrize("layout", ["omni3", "omni4", "mecanum4"])
-@pytest.mark.parametrize("k", [0, 5, 10, 15])
+@pytest.mark.parametrize("k", [0, 7, 14])
 def test_a_free_rolling_robot_has_the_speed_of_its_kinematics(layout, k):
     check_direction(layout, 2.0 * math.pi * k / 24, seed=k)
 
