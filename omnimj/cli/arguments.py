@@ -238,14 +238,14 @@ def add_results(parser: argparse.ArgumentParser, json_file: str, replaced: str =
     parser.add_argument("--json", action="store_true", help=f"print {json_file} instead of tables")
 
 
-def require_writable(file: Path, force: bool) -> None:
-    """Check before the work that `--out FILE` can be written; missing folders are created later.
+def require_writable(file: Path, force: bool, option: str = "--out") -> None:
+    """Check before the work that the file of an option can be written; missing folders are created later.
 
     Raises:
       InputError: The file exists and `force` is false, or it is a folder.
       OutputError: Its folder is read-only.
     """
-    place = f"--out {file}"
+    place = f"{option} {file}"
     if file.is_dir() or not file.name:
         raise InputError(place, "is a folder", "a file is needed")
     if os.path.lexists(file) and not force:

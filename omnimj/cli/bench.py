@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from omnimj.cli.arguments import Command
+from omnimj.cli.arguments import Command, add_seed
 from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
 
@@ -48,6 +48,10 @@ class Effort:
     """Decisions of each of the robots side by side per round."""
     decision_rounds: int = 60
     """Rounds of such decisions; the shortest time counts."""
+    directions: int = 24
+    """Directions in which a robot on wheels is driven."""
+    wheel_rounds: int = 100
+    """Rounds in which its steps are timed."""
 
 
 EFFORT = Effort()
@@ -108,6 +112,9 @@ _MEANING = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj bench`."""
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+    words = "instead: free rolling of omni and mecanum wheels in plain MuJoCo, by shape of roller and contact"
+    parser.add_argument("--wheels", action="store_true", help=words)
+    add_seed(parser, "seed of the wheels' angles with --wheels", default=1)
 
 
 def run(arguments: Any) -> int:
@@ -116,6 +123,8 @@ def run(arguments: Any) -> int:
     Returns:
       0 always.
     """
+    if arguments.wheels:
+        return _run_wheels(arguments)
     from omnimj.bench.control import measure_control
     from omnimj.bench.gap import measure_gap
     from omnimj.bench.learning import measure_environments
@@ -150,12 +159,29 @@ def run(arguments: Any) -> int:
     return 0
 
 
+def _run_wheels(arguments: Any) -> int:
+    import dataclasses
+
+    from omnimj.bench.wheels import HEADINGS, measure_wheels, rows
+
+    announce_compilation("twin", "uto_robot", quiet=arguments.quiet)
+    with progress_bar(arguments) as bar:
+        found = measure_wheels(EFFORT.directions, arguments.seed, EFFORT.wheel_rounds, bar.show)
+    note_compiled("twin", "uto_robot")
+    if arguments.json:
+        print(json.dumps([dataclasses.asdict(one) for one in found], indent=2))
+    else:
+        print(format_table(HEADINGS, rows(found)))
+    return 0
+
+
 BENCH = Command(
     "bench",
     "measure speed: twin, callback, batch, control, recording, gap, link",
     """examples:
   omnimj bench
-  omnimj bench --json""",
+  omnimj bench --json
+  omnimj bench --wheels --seed 1""",
     add_arguments,
     run,
 )

@@ -31,6 +31,7 @@ from omnimj.cli.studies import EVALUATE, SENSITIVITY
 from omnimj.cli.teleop import TELEOP
 from omnimj.cli.terminal import drop_output, ended_by_signals, flush_output, prepare_streams
 from omnimj.cli.tune import TUNE
+from omnimj.cli.wheels import ROBOT, WHEEL
 from omnimj.errors import InputError, NoAnswer, OmnimjError, UnknownNameError
 
 _LOG = logging.getLogger(__name__)
@@ -65,6 +66,7 @@ GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, COMPARE, TELEOP),
     "Bring model and measurement together": (RECORD, IMPORT, EXPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
+    "Wheels for plain MuJoCo": (WHEEL, ROBOT),
     "Robot on a wire": (LINK, DEVICE),
     "This machine": (BENCH, COMPLETION, REPORT_BUG),
 }

@@ -37,12 +37,14 @@ from omnimj.view.plots.static import FONTS, WIDTH, svg_file
 from omnimj.view.poses import visible_model
 from omnimj.view.report.gap import write_gap_report
 from omnimj.view.residuals import families
+from omnimj.wheels import LAYOUTS, robot_file, wheeled_robot
 
 _CURRENTS = (0.45, 0.6, 0.9, 1.35)  # [A] motor currents of the rig
 _LABELS_AT = 0.9  # [m/s] speed at which curves are labelled
 _LATERAL_SEED = 5
 _SHOT_SIZE, _COLUMNS, _GAP = (560, 400), 3, 8  # [pixels]
 _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.0, elevation=-24.0)
+_WHEELS_CAMERA = Camera(target=(0.0, 0.0, 0.04), distance=0.74, azimuth=140.0, elevation=-24.0)
 _ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (560, 360)  # [pixels]
 _FRAME_RATE = 15  # [1/s]
 _BROWSER, _SCREEN = "chromium", "1200,860"  # [pixels]
@@ -198,6 +200,18 @@ def make_gallery(path: Path) -> None:
     Image.fromarray(sheet).save(path)
 
 
+def make_wheels(path: Path) -> None:
+    """Render robots on omni and mecanum wheels, as `omnimj robot` writes them, on one sheet."""
+    width, height = _SHOT_SIZE
+    sheet = np.full((height, len(LAYOUTS) * (width + _GAP) - _GAP, 3), 255, np.uint8)
+    for column, layout in enumerate(LAYOUTS):
+        mj_model = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout)))
+        (pixels,) = frames(mj_model, [(mj_model.qpos0, _WHEELS_CAMERA, np.empty((0, 2)))], _SHOT_SIZE)
+        left = column * (width + _GAP)
+        sheet[:, left : left + width] = pixels
+    Image.fromarray(sheet).save(path)
+
+
 def make_robot(path: Path) -> None:
     """Render the robot at its start: on stone, wheel 1 on a nylon sheet."""
     mj_model = visible_model(read_scenario("nylon_patch"))
@@ -251,6 +265,7 @@ def _save_figure(draw: Callable[[], Drawing], path: Path) -> None:
 PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
     {
         "robot.png": make_robot,
+        "wheels.png": make_wheels,
         "gallery.png": make_gallery,
         "drive.webp": make_animation,
         "gap_report.png": make_gap_report,

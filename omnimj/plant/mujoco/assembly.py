@@ -21,6 +21,7 @@ from omnimj.plant.mujoco.mjcf import (
     ROBOT_FILE,
     compile_spec,
     load_spec,
+    native_contact,
     part,
     robot_mjcf,
     vertical_inertia,
@@ -316,6 +317,7 @@ def robot_model(
     _write_body(spec, robot)
     for i, mount in enumerate(robot.wheels, start=1):
         write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor, mount.roller_angle)
+        native_contact(spec, f"wheel_{i}_", f"motor_{i}", slots.ACTIVATIONS)
     extra = tuple(extra_floors)
     _add_floors(spec, patches, extra)
     mj_model = _compile(spec, floor, patches, extra, floors, lean, path)
@@ -371,6 +373,7 @@ def rig_model(
     drive = part(spec, "actuator", "gantry")
     drive.gainprm[0], drive.biasprm[2] = body.gantry_gain, -body.gantry_gain
     write_wheel(spec, "wheel_1_", wheel, rig.motor)
+    native_contact(spec, "wheel_1_", "motor_1", slots.LATERAL_LOAD + 1)
     extra = tuple(extra_floors)
     _add_floors(spec, patches, extra)
     floors = read_floors() if floors is None else floors

@@ -14,6 +14,7 @@ import mujoco
 from omnimj.errors import InputError
 from omnimj.parameters import Motor, Robot, Wheel
 from omnimj.parameters.robot import WheelMount
+from omnimj.plant.mujoco import slots
 
 _NOT_READ = "is not a model that MuJoCo reads"
 
@@ -72,7 +73,7 @@ _OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
 def robot_mjcf(robot: Robot, path: Path) -> bytes:
     """MJCF of a robot with the wheels of its model file, in place of `uto_robot.xml`.
 
-    Corners, motors and contact sensors are copies of those of wheel 1; positions and masses are written into
+    Corners and motors are copies of those of wheel 1; positions and masses are written into
     the parsed model later.
 
     Args:
@@ -90,7 +91,6 @@ def robot_mjcf(robot: Robot, path: Path) -> bytes:
     chassis = _found(root, ".//body[@name='chassis']")
     _replicate(chassis, "corner_1", r"corner_\d+", count)
     _replicate(_found(root, "actuator"), "motor_1", r"motor_\d+", count)
-    _replicate(_found(root, "sensor"), "wheel_1_contact", r"wheel_\d+_contact", count)
     _set_frames(chassis, robot.wheels)
     for asset in root.iterfind(".//model[@file]"):
         asset.set("file", str((path.parent / Path(asset.get("file", ""))).resolve()))
@@ -180,6 +180,43 @@ def vertical_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
     ring = wheel.roller_mass * (0.5 * (wheel.radius - wheel.roller_radius) ** 2 + wheel.row_offset**2)
     return 0.71 * hub_inertia(wheel, angle) + count * (
         ring + 0.5 * (spin + 2.0 * across - _about_axle(wheel, angle))
+    )
+
+
+_LISTED = 0.003  # [m] depth up to which MuJoCo only lists a contact; deeper, its own catches the wheel
+_SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's defaults
+_FRICTION = (1.0, 0.005, 0.0001)
+
+
+def native_contact(spec: mujoco.MjSpec, prefix: str, motor: str, activations: int) -> None:
+    """Leave the contact of a wheel's rollers and its motor to the native callback.
+
+    A negative margin keeps the rollers out of MuJoCo's solver, the gap lets MuJoCo list their contacts; the
+    activations hold bristle deflections and motor currents. A user sensor takes slip velocity, normal force,
+    traction and what else `slots.SENSOR_FIELDS` names.
+
+    Args:
+      spec: Model to change, whose file describes contact and motor of plain MuJoCo.
+      prefix: Prefix of the wheel's names.
+      motor: Name of its actuator.
+      activations: Number of activations of the actuator.
+
+    Raises:
+      InputError: The model lacks the actuator.
+    """
+    for geom in [g for g in spec.geoms if g.name.startswith(f"{prefix}roller_")]:
+        geom.margin, geom.gap, geom.priority = -_LISTED, _LISTED, 0
+        geom.solref, geom.solimp, geom.friction = list(_SOLREF), list(_SOLIMP), list(_FRICTION)
+    actuator = part(spec, "actuator", motor)
+    actuator.dyntype, actuator.actdim = mujoco.mjtDyn.mjDYN_USER, activations
+    actuator.gainprm[0] = 0.0
+    spec.add_sensor(
+        name=f"{prefix}contact",
+        type=mujoco.mjtSensor.mjSENS_USER,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        objname=f"{prefix}wheel",
+        dim=len(slots.SENSOR_FIELDS),
+        needstage=mujoco.mjtStage.mjSTAGE_POS,  # in which MuJoCo zeroes it, before the callback writes it
     )
 
 

@@ -50,6 +50,47 @@ def test_the_files_mjcf_and_toml_hold_the_same_numbers(name, array, robot, rig, 
     assert np.allclose(getattr(file, array), getattr(loaded, array), rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.parametrize("name", ["uto_robot", "quarter_rig"])
+def test_opened_by_plain_mujoco_the_shipped_machines_stand_on_the_floor(name, robot):
+    m = as_file(name)
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d, 1000)
+    wheels = [b for b in range(m.nbody) if m.body(b).name.endswith("_wheel")]
+    depth = robot.wheel.radius - d.xpos[wheels, 2]
+    assert len(depth) == (4 if name == "uto_robot" else 1)
+    assert np.all((depth > 1e-6) & (depth < 1e-4))
+    assert np.abs(d.qvel).max() < 1e-3
+
+
+def test_opened_by_plain_mujoco_the_shipped_motors_drive_the_robot_by_their_currents(robot):
+    m = as_file("uto_robot")
+    d = mujoco.MjData(m)
+    motor, wheel = robot.motor, robot.wheel
+    mujoco.mj_step(m, d, 500)
+    d.ctrl[:] = current = np.array([0.0, -0.3, 0.0, 0.3])
+    mujoco.mj_step(m, d, 500)
+    torque = motor.torque_constant * motor.gear_ratio * motor.gear_efficiency * current
+    driven = wheel.inertia + motor.reflected_inertia
+    ahead = np.array(torque) / wheel.radius @ [w.drives_along[0] for w in robot.wheels]
+    expected = 0.5 * ahead / (robot.body.mass + 2.0 * driven / wheel.radius**2)
+    assert d.qvel[0] == pytest.approx(expected, rel=0.02)
+    assert abs(d.qvel[1]) < 0.01 and abs(d.qvel[5]) < 0.05
+
+
+def test_the_rig_file_has_the_motor_of_the_constants(rig):
+    motor = rig.motor
+    torque = motor.torque_constant * motor.gear_ratio * motor.gear_efficiency
+    assert as_file("quarter_rig").actuator("motor_1").gainprm[0] == pytest.approx(torque)
+    assert as_file("uto_robot").actuator("motor_1").gainprm[0] == pytest.approx(torque)
+
+
+def test_the_twin_s_rollers_are_left_to_the_native_callback_at_any_depth_up_to_3_mm(robot, floors):
+    m = robot_model(robot, floors["natural_stone"])
+    rollers = m.geom_user[:, slots.KIND] == slots.ROLLER
+    assert np.all(m.geom_margin[rollers] == -0.003) and np.all(m.geom_gap[rollers] == 0.003)
+    assert np.all(m.actuator_dyntype == mujoco.mjtDyn.mjDYN_USER) and not m.actuator_gainprm[:, 0].any()
+
+
 def test_the_robot_has_86_degrees_of_freedom_and_72_rollers(robot, floors):
     m = robot_model(robot, floors["natural_stone"])
     assert m.nv == 86
