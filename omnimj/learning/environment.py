@@ -52,7 +52,7 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     Observation, shape (2n+12,): `observation.entries`, from measurement and target only, each divided by its
     scale and clipped to ±10. Action, shape (3,) or (n,), within ±1 and held for a decision of 20 ms:
 
-    - `twist`: added to the twist that the cascade is told, body frame; 1 is 0.25 m/s or 0.5 rad/s
+    - `twist`: added to the commanded twist of the cascade, body frame; 1 is 0.25 m/s or 0.5 rad/s
     - `wheel_speeds`: added to the wheel-speed targets; 1 is a rim speed of 0.25 m/s
     - `currents`: set currents of the motors behind the rate limit; 1 is the largest current
 
