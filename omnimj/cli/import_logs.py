@@ -45,7 +45,7 @@ def run(arguments: Any) -> int:
     """Preview logs, propose a mapping, or write the dataset.
 
     Returns:
-      0; 1 if a dataset was asked for and the proposed mapping is not complete.
+      0; 1 if `--out` was given and the proposed mapping is not complete.
 
     Raises:
       InputError: A file or the mapping is wrong, or a folder cannot be written.

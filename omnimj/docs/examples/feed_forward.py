@@ -1,6 +1,6 @@
 """Learn a feed-forward on top of the cascade in a minute, and judge it on motions that it has not seen.
 
-The policy adds a twist to what the cascade is told, by six numbers: the same three along x and y of the
+The policy adds a twist to the commanded one, by six numbers: the same three along x and y of the
 body, since the robot is alike in all directions, and three in yaw. They weigh the planned velocity, its
 change within the next tenth of a second, and the distance behind by dead reckoning (in yaw: the heading
 error). CMA-ES searches them: each robot of a vector environment drives with one candidate, all along the same
