@@ -17,6 +17,7 @@ from omnimj.cli.compare import COMPARE
 from omnimj.cli.completion import COMPLETION
 from omnimj.cli.device import DEVICE
 from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
+from omnimj.cli.docs import DOCS
 from omnimj.cli.gap import GAP
 from omnimj.cli.identify import IDENTIFY, VALIDATE
 from omnimj.cli.import_logs import IMPORT
@@ -61,7 +62,7 @@ GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Robot on a wire": (LINK, DEVICE),
-    "This machine": (BENCH, COMPLETION),
+    "This machine": (BENCH, COMPLETION, DOCS),
 }
 """Sub-commands by purpose, as the help lists them."""
 
