@@ -39,13 +39,13 @@ def execute_notebook(file: Path) -> Any:
     Raises:
       SimulationError: A cell ended with an error; the message has its first line and the error.
     """
-    from jupyter_client.manager import AsyncKernelManager
+    from jupyter_client.manager import KernelManager
     from nbclient import NotebookClient
     from nbclient.exceptions import CellExecutionError
 
     notebook = read_notebook(file)
     with tempfile.TemporaryDirectory(prefix="omnimj-") as private, tempfile.TemporaryDirectory() as work:
-        kernel = AsyncKernelManager(kernel_name="python3", connection_file=str(Path(private) / "kernel.json"))
+        kernel = KernelManager(kernel_name="python3", connection_file=str(Path(private) / "kernel.json"))
         if os.name == "posix":
             kernel.transport, kernel.ip = "ipc", str(Path(private) / "socket")
         client = NotebookClient(
@@ -54,7 +54,9 @@ def execute_notebook(file: Path) -> Any:
         try:
             client.execute(env=_environment(private))
         except CellExecutionError as error:
-            raise SimulationError(f"tutorial {file.name}: {_reason(error)}") from None
+            raise SimulationError(f"tutorial {file.name}: {_reason(notebook, error)}") from None
+        finally:
+            kernel.shutdown_kernel(now=True)
     return notebook
 
 
@@ -65,11 +67,17 @@ def _environment(private: str) -> dict[str, str]:
     return {**os.environ, **settings}
 
 
-def _reason(error: Any) -> str:
-    """What went wrong in a cell, in one line."""
-    source = str(error.traceback)
-    lines = [line.strip() for line in _ANSI.sub("", source).splitlines() if line.strip()]
-    return f"{error.ename}: {error.evalue} ({lines[-1] if lines else 'no output'})"[:400]
+def _reason(notebook: Any, error: Any) -> str:
+    """What went wrong, in one line: the first line of the cell, the error, and the last lines that it printed."""
+    failed = next(cell for cell in notebook.cells if _has_error(cell))
+    first = _MAGIC.sub("", failed.source).strip().splitlines()[0]
+    printed = "".join(one.text for one in failed.outputs if one.get("name") == "stderr").strip().splitlines()
+    last = f" ({_ANSI.sub('', '; '.join(printed[-2:]))})" if printed else ""
+    return f"cell {first!r}: {error.ename}: {error.evalue.strip()}{last}"
+
+
+def _has_error(cell: Any) -> bool:
+    return any(output.output_type == "error" for output in cell.get("outputs", ()))
 
 
 def notebook_page(file: Path, execute: bool) -> str:
