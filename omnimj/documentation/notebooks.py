@@ -56,8 +56,17 @@ def execute_notebook(file: Path) -> Any:
         except CellExecutionError as error:
             raise SimulationError(f"tutorial {file.name}: {_reason(notebook, error)}") from None
         finally:
-            kernel.shutdown_kernel(now=True)
+            _close(client, kernel)
     return notebook
+
+
+def _close(client: Any, kernel: Any) -> None:
+    """End the kernel and close its sockets, which the client of a given kernel leaves open."""
+    if client.kc is not None:
+        client.kc.stop_channels()
+    if kernel.has_kernel:
+        kernel.shutdown_kernel(now=True)
+    kernel.cleanup_resources()
 
 
 def _environment(private: str) -> dict[str, str]:

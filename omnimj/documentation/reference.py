@@ -27,7 +27,8 @@ SCHEMA_FOLDER = Path(omnimj.__file__).resolve().parent / "docs" / "schema"
 """JSON schemas of the files that commands write."""
 _PLANT_WORDS = {RIG: "rig", ROBOT: "robot", AXIS: "linear axis", MJCF: "any machine"}
 _PLACES = {
-    "rail": "Rail and guide",
+    "rail": "Rail of the rig",
+    "guide": "Guide of the axis",
     "wheel": "Wheels",
     "motor": "Motors",
     "floor": "Floor",

@@ -45,8 +45,9 @@ def stage(sources: Path, execute: bool, report: Report) -> tuple[str, ...]:
     for name, text in reference_pages().items():
         (sources / name).parent.mkdir(exist_ok=True)
         (sources / name).write_text(text, encoding="utf-8")
-    for page in sources.glob("*.md"):
-        page.write_text(_with_links_in_site(page.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in sources.rglob("*.md"):
+        up = "../" * (len(page.relative_to(sources).parts) - 1)
+        page.write_text(_with_links_in_site(page.read_text(encoding="utf-8"), up), encoding="utf-8")
     _tutorials(sources / TUTORIALS, execute, report)
     return tuple(sorted(str(page.relative_to(sources).as_posix()) for page in sources.rglob("*.md")))
 
@@ -56,14 +57,19 @@ def _from_elsewhere(file: Path) -> str:
     return file.read_text(encoding="utf-8").replace("](../omnimj/docs/", "](")
 
 
-def _with_links_in_site(text: str) -> str:
-    """The page with links to pages elsewhere replaced by links to their copies in the site."""
+def _with_links_in_site(text: str, up: str) -> str:
+    """The page with links to pages elsewhere replaced by links to their copies in the site.
+
+    Args:
+      text: The page.
+      up: Path from the page's folder to that of the documentation.
+    """
     copies = {file.name: name for name, file in pages_elsewhere().items()}
 
     def replaced(match: re.Match[str]) -> str:
         target = match[2]
         if target.startswith("../") and (name := Path(target).name) in copies:
-            return f"{match[1]}{copies[name]}{match[3] or ''})"
+            return f"{match[1]}{up}{copies[name]}{match[3] or ''})"
         return match[0]
 
     return _LINK.sub(replaced, text)
