@@ -28,7 +28,14 @@ SECTIONS = (
         "Tutorials",
         tuple(
             f"{TUTORIALS}{name}.md"
-            for name in ("drive_and_break", "csv_to_gap", "own_robot", "own_wheel", "own_controller", "real_robot")
+            for name in (
+                "drive_and_break",
+                "csv_to_gap",
+                "own_robot",
+                "own_wheel",
+                "own_controller",
+                "real_robot",
+            )
         ),
         TUTORIALS,
     ),
@@ -47,7 +54,10 @@ SECTIONS = (
         ),
         SCHEMAS,
     ),
-    Section("Explanation", ("architecture.md", "equations.md", "diagnosis.md", "recovery.md", "gap.md", "threats.md")),
+    Section(
+        "Explanation",
+        ("architecture.md", "equations.md", "diagnosis.md", "recovery.md", "gap.md", "threats.md"),
+    ),
     Section("Results", ("validation.md", "evaluation.md", "results.md")),
 )
 OTHERS = "How-to"

@@ -93,10 +93,18 @@ def _effect_text(effect: Effect) -> str:
     """Heading, description, choices and table of parameters of one effect."""
     words = effect.words[0].upper() + effect.words[1:]
     own = {plant: effects_of(plant)[effect.name] for plant in PLANTS if effect.name in effects_of(plant)}
-    parts = [f"### `{effect.name}`", f"{words}.", f"Acts on: {', '.join(_PLANT_WORDS[plant] for plant in own)}."]
+    parts = [
+        f"### `{effect.name}`",
+        f"{words}.",
+        f"Acts on: {', '.join(_PLANT_WORDS[plant] for plant in own)}.",
+    ]
     selectors = {s.name: s for one in own.values() for s in one.selectors}
     for selector in selectors.values():
-        choices = list(dict.fromkeys(c for one in own.values() for s in one.selectors if s.name == selector.name for c in s.choices))
+        choices = list(
+            dict.fromkeys(
+                c for one in own.values() for s in one.selectors if s.name == selector.name for c in s.choices
+            )
+        )
         named = _choices(choices)
         parts.append(f"Choice `{selector.name}`{' (optional)' if selector.optional else ''}: {named}.")
     parts.append(_parameters_table(own))
@@ -238,11 +246,15 @@ def schemas_page() -> str:
     for file in sorted(SCHEMA_FOLDER.glob("*.json")):
         schema = json.loads(file.read_text(encoding="utf-8"))
         rows = list(_schema_rows(schema, "", schema))
-        parts.append(f"## `{file.stem}.json`\n\n[Schema](schema/{file.name})\n\n{table(('key', 'type', 'always there'), rows)}")
+        parts.append(
+            f"## `{file.stem}.json`\n\n[Schema](schema/{file.name})\n\n{table(('key', 'type', 'always there'), rows)}"
+        )
     return "\n\n".join(parts) + "\n"
 
 
-def _schema_rows(schema: Mapping[str, Any], prefix: str, root: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+def _schema_rows(
+    schema: Mapping[str, Any], prefix: str, root: Mapping[str, Any]
+) -> Iterator[tuple[str, str, str]]:
     """Rows of all keys of an object and of what it holds."""
     schema = _resolved(schema, root)
     needed = schema.get("required", ())
@@ -296,7 +308,12 @@ def api_page() -> str:
     jobs = [name for name in functions if name in workflows.__all__]
     others = [name for name in functions if name not in jobs]
     classes = [name for name in names if name[0].isupper() and name not in errors]
-    groups = {"Jobs": jobs, "Reading and writing": others, "Machines, controllers and records": classes, "Errors": errors}
+    groups = {
+        "Jobs": jobs,
+        "Reading and writing": others,
+        "Machines, controllers and records": classes,
+        "Errors": errors,
+    }
     parts = [_API_GUIDE]
     for title, members in groups.items():
         parts += [f"## {title}", *(f"::: omnimj.{name}" for name in members)]

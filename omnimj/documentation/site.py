@@ -14,7 +14,7 @@ from typing import Any
 import omnimj
 from omnimj.documentation.navigation import navigation
 from omnimj.documentation.staging import Report, stage
-from omnimj.errors import InputError
+from omnimj.errors import InputError, OmnimjError
 
 INSTALL = "pip install 'omnimj[docs]'"
 _PACKAGE = Path(omnimj.__file__).resolve().parent
@@ -51,7 +51,9 @@ def require_generator() -> None:
 
     for package in ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers", "jupytext", "nbclient"):
         if find_spec(package) is None:
-            raise InputError("omnimj docs", f"the package {package} is not installed", f"install it: {INSTALL}")
+            raise InputError(
+                "omnimj docs", f"the package {package} is not installed", f"install it: {INSTALL}"
+            )
 
 
 def build_site(folder: Path, execute: bool, report: Report) -> SiteBuild:
@@ -64,6 +66,7 @@ def build_site(folder: Path, execute: bool, report: Report) -> SiteBuild:
 
     Raises:
       SimulationError: A tutorial ended with an error.
+      OmnimjError: MkDocs refused a page or a setting.
     """
     with tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
         sources = Path(work) / "pages"
@@ -149,9 +152,13 @@ def _build(file: Path, settings: dict[str, Any]) -> None:
     os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")  # a notice of the theme to its maintainers
     from mkdocs.commands.build import build
     from mkdocs.config.base import load_config
+    from mkdocs.exceptions import MkDocsException
 
     file.write_text(f"site_name: {settings['site_name']}\n", encoding="utf-8")
-    build(load_config(str(file), **settings))
+    try:
+        build(load_config(str(file), **settings))
+    except MkDocsException as error:
+        raise OmnimjError(f"omnimj docs: {error}") from error
 
 
 class _Collector(logging.Handler):

@@ -22,7 +22,10 @@ _LINK = re.compile(r"(\]\()([^)#\s]+)(#[^)]*)?\)")
 
 def pages_elsewhere() -> dict[str, Path]:
     """Pages of the site whose source lies beside what they describe: name in the site → file."""
-    return {"model_files.md": models_folder() / "README.md", "protocol.md": DOCS.parent / "link" / "PROTOCOL.md"}
+    return {
+        "model_files.md": models_folder() / "README.md",
+        "protocol.md": DOCS.parent / "link" / "PROTOCOL.md",
+    }
 
 
 def stage(sources: Path, execute: bool, report: Report) -> tuple[str, ...]:

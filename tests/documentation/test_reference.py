@@ -47,7 +47,9 @@ def test_the_page_of_effects_has_each_parameter_with_its_unit_and_bounds(plant):
         text = page.split(f"### `{name}`\n", 1)[1].split("\n##", 1)[0]
         for parameter in effect.parameters:
             numbers = [f"{value:.4g}" for value in (parameter.low, parameter.high, parameter.typical)]
-            found = [row for row in rows(text) if row[:5] == [f"`{parameter.name}`", parameter.unit, *numbers]]
+            found = [
+                row for row in rows(text) if row[:5] == [f"`{parameter.name}`", parameter.unit, *numbers]
+            ]
             assert len(found) == 1, (name, parameter)
 
 
@@ -56,7 +58,11 @@ def test_the_page_of_scenario_keys_has_every_key_that_can_be_set():
     for plant in ("uto_robot", "quarter_rig"):
         keys = {key for names in known_keys(plant, 4).values() for key in names}
         # metrics of single wheels are shown for four
-        assert [key for key in sorted(keys) if f"`{key}`" not in page and key not in ("min", "max", "robust", "published", "off")] == []
+        assert [
+            key
+            for key in sorted(keys)
+            if f"`{key}`" not in page and key not in ("min", "max", "robust", "published", "off")
+        ] == []
     assert [kind for kind in FAULT_KINDS if f"### `{kind}`" not in page] == []
 
 

@@ -76,7 +76,9 @@ def test_sections_without_pages_are_left_out():
 
 
 def test_pages_load_nothing_from_another_host(pages):
-    found = {(path.name, url) for path, page in pages.items() for url in page.loads if "//" in url.split("?")[0]}
+    found = {
+        (path.name, url) for path, page in pages.items() for url in page.loads if "//" in url.split("?")[0]
+    }
     assert found == set()
 
 
@@ -119,4 +121,6 @@ def test_every_effect_and_every_public_name_is_in_the_reference(site: SiteBuild,
     effects = (site.folder / "effects.html").read_text(encoding="utf-8")
     assert [name for name in EFFECTS if f"<code>{name}</code>" not in effects] == []
     anchors = pages[site.folder / "api.html"].anchors
-    assert [name for name in omnimj.__all__ if not name.startswith("_") and f"omnimj.{name}" not in anchors] == []
+    assert [
+        name for name in omnimj.__all__ if not name.startswith("_") and f"omnimj.{name}" not in anchors
+    ] == []
