@@ -1,1 +1,1 @@
-"""The documentation as a site: pages of `omnimj/docs`, executed tutorials, and reference made from the code."""
+"""The documentation as a site: pages of `omnimj/docs`, executed tutorials, reference made from code."""

@@ -1,4 +1,4 @@
-"""Order of the pages in the site's navigation; a page that no section names is appended, so that none is lost."""
+"""Order of the pages in the navigation; a page that no section names is appended, so that none is lost."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass
 HOME = "index.md"
 TUTORIALS = "tutorials/"
 """Folder of the tutorials."""
-SCHEMAS = "schema/"
-"""Folder of the JSON schemas, one generated page each."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,6 @@ SECTIONS = (
             *("commands.md", "api.md", "scenarios.md", "scenario_keys.md", "models.md", "model_files.md"),
             *("datasets.md", "effects.md", "schemas.md", "protocol.md"),
         ),
-        SCHEMAS,
     ),
     Section(
         "Explanation",

@@ -1,8 +1,8 @@
 """Tutorials as notebooks: Markdown files whose code is executed when the site is built.
 
-A tutorial is a notebook in Jupytext's Markdown format: blocks marked `python` are cells, blocks marked `bash` are cells
-for the shell, and everything else is text. Opened in JupyterLab with Jupytext it is a notebook; here its cells run in a
-kernel, and their results are set below them.
+A tutorial is a notebook in Jupytext's Markdown format: blocks marked `python` are cells, those marked `bash`
+are cells for the shell, and everything else is text. JupyterLab opens it as a notebook, with Jupytext; here
+its cells run in a kernel, and their results are set below them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def read_notebook(file: Path) -> Any:
 def execute_notebook(file: Path) -> Any:
     """Execute a tutorial in an empty temporary folder; return it with results.
 
-    The kernel is reached by sockets in the file system, so that no network is needed, not even this machine's own.
+    The kernel is reached by sockets in the file system, so that no network is needed, not even that of this
+    machine with itself.
 
     Raises:
       SimulationError: A cell ended with an error; the message has its first line and the error.
@@ -77,7 +78,7 @@ def _environment(private: str) -> dict[str, str]:
 
 
 def _reason(notebook: Any, error: Any) -> str:
-    """What went wrong, in one line: the first line of the cell, the error, and the last lines that it printed."""
+    """What went wrong, in one line: first line of the cell, error, and the last lines that it printed."""
     failed = next(cell for cell in notebook.cells if _has_error(cell))
     first = _MAGIC.sub("", failed.source).strip().splitlines()[0]
     printed = "".join(one.text for one in failed.outputs if one.get("name") == "stderr").strip().splitlines()

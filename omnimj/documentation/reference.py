@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code: effects, keys of scenarios, JSON schemas, Python interface."""
+"""Pages of the reference made from the code: effects, keys of scenarios, JSON schemas, Python interface."""
 
 from __future__ import annotations
 
@@ -37,10 +37,18 @@ _PLACES = {
 }
 _DECIMALS = 4
 _DRIVES = {"profile": PROFILE_KEYS, "circle": CIRCLE_KEYS, "square": SQUARE_KEYS, "waypoints": WAYPOINT_KEYS}
+_EFFECTS_GUIDE = """# Effects
+
+Physics that a model may lack. `omnimj record --effect NAME:KEY=VALUE` adds one to the true machine,
+`[effects.NAME]` in a model file makes it part of the model, and `omnimj gap` finds those that are missing.
+*Vanishes at* is the value without effect; a parameter without one is a shape, such as a place or a width. The
+bounds are wide physical ones.
+
+This page is made from the catalogue in `omnimj/effects`."""
 _API_GUIDE = """# Python interface
 
-`import omnimj` takes no time: each name is loaded when it is first used. Everything is in SI units, and every error that
-omnimj raises on purpose is an `OmnimjError`.
+`import omnimj` takes no time: each name is loaded when it is first used. Everything is in SI units, and every
+error that omnimj raises on purpose is an `OmnimjError`.
 """
 
 
@@ -69,13 +77,7 @@ def _number(value: float) -> str:
 
 def effects_page() -> str:
     """All effects with their parameters, units and bounds, for each plant that they act on."""
-    parts = [
-        "# Effects\n\nPhysics that a model may lack. `omnimj record --effect NAME:KEY=VALUE` and `omnimj run --effect` "
-        "add one to the true machine, `[effects.NAME]` in a model file makes it part of the model, and `omnimj gap` "
-        "finds those that are missing. `vanishes at` is the value without effect; a parameter without one is a shape, "
-        "such as a place or a width. The bounds are wide physical ones.\n\nThis page is made from the catalogue in "
-        "`omnimj/effects`."
-    ]
+    parts = [_EFFECTS_GUIDE]
     for where, title in _placed_titles():
         effects = [effect for effect in EFFECTS.values() if effect.where == where]
         parts.append(f"## {title}")
@@ -98,14 +100,10 @@ def _effect_text(effect: Effect) -> str:
         f"{words}.",
         f"Acts on: {', '.join(_PLANT_WORDS[plant] for plant in own)}.",
     ]
-    selectors = {s.name: s for one in own.values() for s in one.selectors}
-    for selector in selectors.values():
-        choices = list(
-            dict.fromkeys(
-                c for one in own.values() for s in one.selectors if s.name == selector.name for c in s.choices
-            )
-        )
-        named = _choices(choices)
+    offered = [selector for one in own.values() for selector in one.selectors]
+    for selector in {one.name: one for one in offered}.values():
+        alike = [one.choices for one in offered if one.name == selector.name]
+        named = _choices(list(dict.fromkeys(choice for choices in alike for choice in choices)))
         parts.append(f"Choice `{selector.name}`{' (optional)' if selector.optional else ''}: {named}.")
     parts.append(_parameters_table(own))
     return "\n\n".join(part for part in parts if part)
@@ -151,9 +149,9 @@ def scenario_keys_page() -> str:
     drives = "\n".join(f"| `{kind}` | {_keys(keys)} |" for kind, keys in own.items())
     return f"""# Keys of a scenario
 
-Every key that a scenario file may have, made from the code that reads it; how to write one: [Scenarios](scenarios.md).
-`--set KEY=VALUE` takes the same keys with dots between them (`faults.0.loss`), and an unknown key is answered with
-those that exist.
+Every key that a scenario file may have, made from the code that reads it; how to write one:
+[Scenarios](scenarios.md). `--set KEY=VALUE` takes the same keys with dots between them (`faults.0.loss`); an
+unknown key is answered with those that exist.
 
 ## Top level
 
@@ -162,8 +160,8 @@ those that exist.
 | `uto_robot`: any robot | {_keys(ROBOT_KEYS)} |
 | `quarter_rig`: the test rig | {_keys(RIG_KEYS)} |
 
-`description`, `plant`, `floor` and `duration` are needed, and `drive` of a robot, `current` [A] of the rig. Floors that
-are shipped: {_keys(read_floors())}.
+`description`, `plant`, `floor` and `duration` are needed, and `drive` of a robot, `current` [A] of the rig.
+Floors that are shipped: {_keys(read_floors())}.
 
 ## Drive
 
@@ -177,13 +175,14 @@ Speeds are in m/s or `"low"`, `"high"`; accelerations in m/s²; angles in rad; t
 
 ## Faults
 
-A `[[faults]]` table has `kind`, `onset` [s], optionally `end` [s], and for a fault of one wheel `wheel`, 1 to n.
+A `[[faults]]` table has `kind`, `onset` [s], optionally `end` [s], and for a fault of one wheel `wheel`.
 
 {kinds}
 
 ## Patches
 
-`[[patches]]`: rectangles of another floor, with {_keys(PATCH_KEYS)}: centre and size [m] as `[x, y]`, yaw [rad].
+`[[patches]]`: rectangles of another floor, with {_keys(PATCH_KEYS)}; centre and size in m as `[x, y]`, yaw in
+rad.
 
 ## Diagnosis
 
@@ -239,16 +238,15 @@ def _rule(rule: Rule) -> str:
 def schemas_page() -> str:
     """The JSON schemas of the files that commands write, as tables."""
     parts = [
-        "# JSON files\n\nFiles that commands write for programs. Each keeps to a JSON schema of draft 2020-12, which "
-        "tests hold against every output; more keys may come. The schemas are part of the package, in "
+        "# JSON files\n\nFiles that commands write for programs. Each keeps to a JSON schema (draft 2020-12), "
+        "which tests hold against every output; more keys may come. The schemas are part of the package, in "
         "`omnimj/docs/schema`."
     ]
     for file in sorted(SCHEMA_FOLDER.glob("*.json")):
         schema = json.loads(file.read_text(encoding="utf-8"))
         rows = list(_schema_rows(schema, "", schema))
-        parts.append(
-            f"## `{file.stem}.json`\n\n[Schema](schema/{file.name})\n\n{table(('key', 'type', 'always there'), rows)}"
-        )
+        keys = table(("key", "type", "always there"), rows)
+        parts.append(f"## `{file.name}`\n\n[Schema](schema/{file.name})\n\n{keys}")
     return "\n\n".join(parts) + "\n"
 
 

@@ -104,7 +104,7 @@ def site_settings(sources: Path, folder: Path, pages: tuple[str, ...]) -> dict[s
 
 
 def _theme() -> dict[str, Any]:
-    """The theme: fonts of the system, and light and dark colours that follow the system until one is chosen."""
+    """The theme: fonts of the system, light and dark colours that follow the system until one is chosen."""
 
     def palette(media: str, scheme: str, icon: str, words: str) -> dict[str, Any]:
         return {

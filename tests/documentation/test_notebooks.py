@@ -18,7 +18,15 @@ from omnimj.errors import SimulationError
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
 QUICK = ("drive_and_break", "own_wheel")
 """Tutorials of a few seconds; the others are left to the nightly run."""
-_HEADER = "---\njupyter:\n  kernelspec:\n    name: python3\n    display_name: Python 3\n    language: python\n---\n\n"
+_HEADER = """---
+jupyter:
+  kernelspec:
+    name: python3
+    display_name: Python 3
+    language: python
+---
+
+"""
 
 
 def by_name(paths):
@@ -53,7 +61,7 @@ def test_a_tutorial_is_a_notebook_without_results_that_begins_with_its_title(pat
     notebook = read_notebook(path)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert len(code) >= 5 and all(not cell.outputs and cell.execution_count is None for cell in code)
-    assert [one for one in DOCS.rglob("*.ipynb")] == []
+    assert list(DOCS.rglob("*.ipynb")) == []
 
 
 @pytest.mark.parametrize("path", by_name(TUTORIALS))

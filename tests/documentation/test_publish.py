@@ -60,10 +60,8 @@ def test_a_warning_of_the_generator_leaves_nothing_behind(quick, tmp_path):
 
 
 def test_a_full_disk_leaves_nothing_behind(quick, tmp_path):
-    with (
-        no_file_beyond(5_000),
-        pytest.raises(OutputError, match=r"^--out .*site: cannot be written, file too large"),
-    ):
+    refusal = r"^--out .*site: cannot be written, file too large"
+    with no_file_beyond(5_000), pytest.raises(OutputError, match=refusal):
         publish(tmp_path / "site", False, False, silent)
     assert list(tmp_path.iterdir()) == []
 
@@ -90,9 +88,7 @@ def test_the_server_listens_on_this_machine_alone_and_serves_the_folder(tmp_path
 
 
 def test_a_port_that_is_taken_is_said_in_one_line():
-    with (
-        open_server(0) as server,
-        pytest.raises(InputError, match=rf"^--port {server.port}: cannot be used, "),
-    ):
-        with open_server(server.port):
+    with open_server(0) as server:
+        taken = rf"^--port {server.port}: cannot be used, "
+        with pytest.raises(InputError, match=taken), open_server(server.port):
             pass
