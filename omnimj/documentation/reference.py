@@ -238,7 +238,7 @@ def _rule(rule: Rule) -> str:
 def schemas_page() -> str:
     """The JSON schemas of the files that commands write, as tables."""
     parts = [
-        "# JSON files\n\nFiles that commands write for programs. Each keeps to a JSON schema (draft 2020-12), "
+        "# JSON files\n\nFiles that commands write for programs. Each keeps to a JSON schema, "
         "which tests hold against every output; more keys may come. The schemas are part of the package, in "
         "`omnimj/docs/schema`."
     ]
