@@ -12,17 +12,27 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
+from omnimj.documentation.equations import format_equation
 from omnimj.documentation.navigation import navigation
 from omnimj.documentation.staging import Report, stage
 from omnimj.errors import InputError, OmnimjError
 
 INSTALL = "pip install 'omnimj[docs]'"
 _PACKAGE = Path(omnimj.__file__).resolve().parent
+_PACKAGES = (
+    *("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers", "latex2mathml"),
+    *("jupytext", "nbclient", "ipykernel", "matplotlib"),
+)
 _EXTENSIONS: tuple[str | dict[str, Any], ...] = (
     *("admonition", "attr_list", "def_list", "md_in_html", "sane_lists", "tables"),
     {"toc": {"permalink": True}},
     {"pymdownx.highlight": {"anchor_linenums": True}},
-    *("pymdownx.superfences", "pymdownx.details", "pymdownx.inlinehilite"),
+    {
+        "pymdownx.superfences": {
+            "custom_fences": [{"name": "math", "class": "math", "format": format_equation}],
+        }
+    },
+    *("pymdownx.details", "pymdownx.inlinehilite"),
 )
 _FEATURES = (
     *("content.code.copy", "navigation.tabs", "navigation.top", "navigation.footer", "navigation.indexes"),
@@ -49,7 +59,7 @@ def require_generator() -> None:
     """
     from importlib.util import find_spec
 
-    for package in ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers", "jupytext", "nbclient"):
+    for package in _PACKAGES:
         if find_spec(package) is None:
             raise InputError(
                 "omnimj docs", f"the package {package} is not installed", f"install it: {INSTALL}"
