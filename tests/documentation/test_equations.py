@@ -25,7 +25,9 @@ def test_an_equation_becomes_mathml_without_a_rest_of_latex(code):
 
 
 def test_a_fraction_has_two_parts():
-    assert "<mfrac><mi>a</mi><mi>b</mi></mfrac>" in format_equation("\\frac{a}{b}", "", "", {}, None)
+    assert "<mfrac><mrow><mi>a</mi></mrow><mrow><mi>b</mi></mrow></mfrac>" in format_equation(
+        "\\frac{a}{b}", "", "", {}, None
+    )
 
 
 def test_the_page_of_equations_has_those_of_contact_diagnosis_and_gap():
