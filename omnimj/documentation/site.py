@@ -15,6 +15,7 @@ import omnimj
 from omnimj.documentation.equations import format_equation
 from omnimj.documentation.navigation import navigation
 from omnimj.documentation.staging import Report, stage
+from omnimj.documentation.state_diagrams import format_state_diagram
 from omnimj.errors import InputError, OmnimjError
 
 INSTALL = "pip install 'omnimj[docs]'"
@@ -29,7 +30,10 @@ _EXTENSIONS: tuple[str | dict[str, Any], ...] = (
     {"pymdownx.highlight": {"anchor_linenums": True}},
     {
         "pymdownx.superfences": {
-            "custom_fences": [{"name": "math", "class": "math", "format": format_equation}],
+            "custom_fences": [
+                {"name": "math", "class": "math", "format": format_equation},
+                {"name": "mermaid", "class": "states", "format": format_state_diagram},
+            ],
         }
     },
     *("pymdownx.details", "pymdownx.inlinehilite"),
