@@ -216,7 +216,9 @@ def _fault_text(name: str, kind: FaultKind) -> str:
 
 
 def _fault_place(kind: FaultKind) -> str:
-    return "On one wheel" if kind.on_wheel else "On the whole robot, or on a channel"
+    if "channel" in kind.names:
+        return "On one measured channel"
+    return "On one wheel" if kind.on_wheel else "On the whole robot"
 
 
 def _presence(kind: FaultKind, key: str) -> str:
