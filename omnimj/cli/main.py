@@ -18,6 +18,7 @@ from omnimj.cli.compare import COMPARE
 from omnimj.cli.completion import COMPLETION
 from omnimj.cli.device import DEVICE
 from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
+from omnimj.cli.docs import DOCS
 from omnimj.cli.export import EXPORT
 from omnimj.cli.gap import GAP
 from omnimj.cli.identify import IDENTIFY, VALIDATE
@@ -68,7 +69,7 @@ GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Wheels for plain MuJoCo": (WHEEL, ROBOT),
     "Robot on a wire": (LINK, DEVICE),
-    "This machine": (BENCH, COMPLETION, REPORT_BUG),
+    "This machine": (BENCH, COMPLETION, DOCS, REPORT_BUG),
 }
 """Sub-commands by purpose, as the help lists them."""
 

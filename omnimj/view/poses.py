@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Trace
 from omnimj.simulate.scenario.scenario import Scenario
@@ -254,7 +253,7 @@ def poses_from_trace(
 
 def visible_model(scenario: Scenario) -> mujoco.MjModel:
     """Compile the machine of a scenario on its floor, including geoms for display."""
-    floor = find_floor(scenario.floor, scenario.name)
+    floor = scenario.floors[scenario.floor]
     if scenario.is_rig:
         return rig_model(scenario.rig, floor, scenario.rig_input.mass, patches=scenario.patches)
     return robot_model(scenario.robot, floor, scenario.patches, scene=scenario.scene)

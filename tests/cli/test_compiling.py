@@ -153,6 +153,6 @@ def test_an_edit_recompiles_the_kernels_of_its_package_and_of_those_above_only(m
     (tmp_path / "control" / "a.py").write_text("@kernel\ndef f(): return 2\n")
     after = {package: native.fingerprint.__wrapped__(package) for package in packages}
     changed = {package for package in packages if before[package] != after[package]}
-    assert changed == {"control", "simulate", "estimate"}
+    assert changed == {"control", "simulate", "estimate", "learning"}
     (tmp_path / "physics" / "a.py").write_text("@kernel\ndef f(): return 2\n")
     assert all(native.fingerprint.__wrapped__(package) != after[package] for package in packages)

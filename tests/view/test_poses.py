@@ -33,6 +33,15 @@ def test_machines_have_something_to_see(name, bodies):
         assert body_appearance(mj_model, body) is not None
 
 
+def test_a_floor_of_ones_own_can_be_seen(tmp_path):
+    mats = tmp_path / "mats.toml"
+    mats.write_text(
+        '[mat]\ndescription = "a mat"\nlaw = "creep_ratio"\nsource = "chosen"\nmu = 0.6\n'
+        "creep_stiffness = 12.0\nrelaxation_length = 0.015\ndamping_time = 0.005\n"
+    )
+    assert visible_model(read_scenario("nylon_patch", ["floor=mat"], floors_file=mats)).njnt > 0
+
+
 def test_a_planar_run_moves_the_robot_along_its_path(robot_trace: Trace):
     poses = visible_poses(read_scenario("nylon_patch"), robot_trace)
     assert poses is not None

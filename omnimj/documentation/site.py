@@ -1,0 +1,198 @@
+"""The site of the documentation: MkDocs with the theme Material, without anything from the network."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import omnimj
+from omnimj.documentation.equations import format_equation
+from omnimj.documentation.navigation import navigation
+from omnimj.documentation.staging import Report, stage
+from omnimj.documentation.state_diagrams import format_state_diagram
+from omnimj.errors import MissingLibrary, OmnimjError
+
+_PACKAGE = Path(omnimj.__file__).resolve().parent
+_PACKAGES = (
+    *("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers", "latex2mathml"),
+    *("jupytext", "nbclient", "ipykernel", "matplotlib"),
+)
+_EXTENSIONS: tuple[str | dict[str, Any], ...] = (
+    *("admonition", "attr_list", "def_list", "md_in_html", "sane_lists", "tables"),
+    {"toc": {"permalink": True}},
+    {"pymdownx.highlight": {"anchor_linenums": True}},
+    {
+        "pymdownx.superfences": {
+            "custom_fences": [
+                {"name": "math", "class": "math", "format": format_equation},
+                {"name": "mermaid", "class": "states", "format": format_state_diagram},
+            ],
+        }
+    },
+    *("pymdownx.details", "pymdownx.inlinehilite"),
+)
+_FEATURES = (
+    *("content.code.copy", "navigation.tabs", "navigation.top", "navigation.footer", "navigation.indexes"),
+    *("search.suggest", "search.highlight", "toc.follow"),
+)
+
+
+@dataclass(frozen=True)
+class SiteBuild:
+    """A built site."""
+
+    folder: Path
+    pages: tuple[str, ...]
+    """Sources of the pages, relative to the folder of the documentation."""
+    warnings: tuple[str, ...] = field(default=())
+    """Warnings of MkDocs: links that lead nowhere, pages outside the navigation, and the like."""
+
+
+def require_generator() -> None:
+    """Refuse to go on without the programs that build the site.
+
+    Raises:
+      MissingLibrary: One of them is not installed.
+    """
+    from importlib.util import find_spec
+
+    for package in _PACKAGES:
+        if find_spec(package) is None:
+            raise MissingLibrary("omnimj docs", package, "docs")
+
+
+def build_site(folder: Path, execute: bool, report: Report) -> SiteBuild:
+    """Build the site into a folder.
+
+    Args:
+      folder: Folder that exists; its files are replaced.
+      execute: Whether to execute the tutorials, so that their results are shown.
+      report: Called with what is being done and the share that is done.
+
+    Raises:
+      SimulationError: A tutorial ended with an error.
+      OmnimjError: MkDocs refused a page or a setting.
+    """
+    with tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
+        sources = Path(work) / "pages"
+        pages = stage(sources, execute, report)
+        report("building pages", 0.9)
+        with _collected_warnings() as warnings:
+            _build(Path(work) / "mkdocs.yml", site_settings(sources, folder, pages))
+    return SiteBuild(folder, pages, tuple(warnings))
+
+
+def site_settings(sources: Path, folder: Path, pages: tuple[str, ...]) -> dict[str, Any]:
+    """Settings of MkDocs for one build.
+
+    Args:
+      sources: Folder of the pages.
+      folder: Folder of the site.
+      pages: The pages, relative to `sources`.
+    """
+    return {
+        "site_name": "omnimj",
+        "site_description": "MuJoCo twin of an omni-wheel robot, fault diagnosis, and the gap to measurement",
+        "docs_dir": str(sources),
+        "site_dir": str(folder),
+        "nav": navigation(pages),
+        "theme": _theme(),
+        "plugins": ["search", "offline", {"autorefs": {}}, {"mkdocstrings": _api_options()}],
+        "markdown_extensions": list(_EXTENSIONS),
+        "extra_css": ["assets/site.css"],
+        "extra": {"polyfills": ["assets/iframe-worker.js"]},
+        "validation": {
+            "nav": {"omitted_files": "warn", "not_found": "warn"},
+            "links": {"not_found": "warn", "anchors": "warn", "absolute_links": "warn"},
+        },
+    }
+
+
+def _theme() -> dict[str, Any]:
+    """The theme: fonts of the system, light and dark colours that follow the system until one is chosen."""
+
+    def palette(media: str, scheme: str, icon: str, words: str) -> dict[str, Any]:
+        return {
+            "media": media,
+            **({"scheme": scheme, "primary": "indigo", "accent": "indigo"} if scheme else {}),
+            "toggle": {"icon": f"material/{icon}", "name": words},
+        }
+
+    return {
+        "name": "material",
+        "font": False,
+        "language": "en",
+        "features": list(_FEATURES),
+        "icon": {"logo": "material/robot-outline"},
+        "palette": [
+            palette("(prefers-color-scheme)", "", "brightness-auto", "Light colours"),
+            palette("(prefers-color-scheme: light)", "default", "brightness-7", "Dark colours"),
+            palette("(prefers-color-scheme: dark)", "slate", "brightness-4", "Colours of the system"),
+        ],
+    }
+
+
+def _api_options() -> dict[str, Any]:
+    """Settings of the reference of the Python interface."""
+    options = {
+        "docstring_style": "google",
+        "show_root_heading": True,
+        "show_root_full_path": False,
+        "show_source": False,
+        "show_bases": False,
+        "show_signature_annotations": True,
+        "separate_signature": True,
+        "signature_crossrefs": False,
+        "heading_level": 3,
+        "members_order": "source",
+        "docstring_section_style": "list",
+        "filters": ["!^_"],
+        "inherited_members": True,
+    }
+    return {"handlers": {"python": {"paths": [str(_PACKAGE.parent)], "options": options}}}
+
+
+def _build(file: Path, settings: dict[str, Any]) -> None:
+    """Run MkDocs, whose settings must begin with a file, in the folder that relative paths start from."""
+    os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")  # a notice of the theme to its maintainers
+    from mkdocs.commands.build import build
+    from mkdocs.config.base import load_config
+    from mkdocs.exceptions import MkDocsException
+
+    file.write_text(f"site_name: {settings['site_name']}\n", encoding="utf-8")
+    try:
+        build(load_config(str(file), **settings))
+    except MkDocsException as error:
+        raise OmnimjError(f"omnimj docs: {error}") from error
+
+
+class _Collector(logging.Handler):
+    """Keeps the messages of warnings and errors."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
+@contextmanager
+def _collected_warnings() -> Iterator[list[str]]:
+    """Context that collects the warnings of MkDocs in place of printing them."""
+    logger, collector = logging.getLogger("mkdocs"), _Collector()
+    before = logger.propagate, logger.level
+    logger.addHandler(collector)
+    logger.propagate = False
+    logger.setLevel(logging.WARNING)
+    try:
+        yield collector.messages
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate, logger.level = before[0], before[1]
