@@ -221,6 +221,7 @@ def _format_written(folder: Path, content: Mapping[str, Any]) -> str:
 def format_finding(finding: Finding) -> str:
     """Format data check, verdict, location and size of the gap, missing effects and next step."""
     from omnimj.estimate.gap import sentences
+    from omnimj.estimate.replay.interface import EXCITED, NOT_SOUGHT
     from omnimj.recording.read_dataset import INCOMPLETE
 
     parts = [
@@ -232,6 +233,7 @@ def format_finding(finding: Finding) -> str:
         _format_effects(finding),
         _format_gaps(finding),
         _format_next(finding),
+        "\n".join(note for note in finding.data_notes if note.startswith((EXCITED, NOT_SOUGHT))),
     ]
     return "\n\n".join(part for part in parts if part)
 
