@@ -1,4 +1,4 @@
-"""What logs and structure of a machine let the search find: contacts, stops, excitation, effects not sought."""
+"""What logs and structure of a machine let the search find: contacts, stops, excitation, what cannot show."""
 
 from pathlib import Path
 
