@@ -213,12 +213,20 @@ def _kept(found: Mapping[str, list[str]], taken: set[str], known: set[str]) -> d
 
 
 def _any_machine(columns: Mapping[str, SourceColumn], remarks: dict[str, str]) -> dict[str, ColumnSource]:
-    """Columns of one joint and its actuator; everything else is a sensor of its name."""
-    chosen: dict[str, ColumnSource] = {}
+    """Columns of one joint and its actuator; everything else is a sensor of its name.
+
+    Columns that have the names of a dataset, such as `position:elbow`, keep them.
+    """
+    ready = [name for name in columns if ":" in name and plant_columns(MJCF).has(name)]
+    chosen = {name: ColumnSource(name) for name in ready}
     for name in columns:
         plain = name.lower()
+        if name in chosen:
+            continue
         if re.search(_PATTERNS[0][1], plain):
             target = "time"
+        elif ready:
+            target = f"sensor:{name}"
         elif _SET.search(plain):
             target = "control:motor"
         elif re.search(r"pos|angle|^q$", plain):
