@@ -24,7 +24,7 @@ from omnimj.estimate.gap.sentences import effect_label
 from omnimj.recording.json_files import to_jsonable, write_json, write_text
 from omnimj.studies.runner import StudyFolder, TrialFolder, run_guarded, run_study
 from omnimj.studies.scoreboard.sets import KnownSet, MissingSet, RealSet, find_sets
-from omnimj.studies.scoreboard.tables import HEADING, Row, missing_sentences, score_tables
+from omnimj.studies.scoreboard.tables import HEADING, Row, introduction, score_tables
 from omnimj.studies.statistics import Table, format_markdown
 from omnimj.studies.workers import Progress, WorkerPool
 
@@ -126,7 +126,7 @@ class _Scoreboard:
         results, errors = self._results.collect([one.name for one in self._sets])
         rows = tuple(Row.of(one, results.get(one.name), errors.get(one.name, "")) for one in self._sets)
         tables = tuple(score_tables(rows, self._missing))
-        lines = tuple(missing_sentences(self._missing))
+        lines = tuple(introduction(rows, self._missing))
         content = {
             "plan": config.plan(),
             "version": omnimj.__version__,

@@ -109,7 +109,15 @@ def _values(row: Row) -> Iterator[tuple[str, ...]]:
             yield row.name, label, name, found, ends, f"{value:.3g}", row.source
 
 
-def missing_sentences(missing: Sequence[MissingSet]) -> Iterator[str]:
-    """Yield where each set that is not there can be had."""
+def introduction(rows: Sequence[Row], missing: Sequence[MissingSet]) -> Iterator[str]:
+    """Yield how many sets were searched, and where each set that is not there can be had.
+
+    Args:
+      rows: Sets that are there.
+      missing: Known sets that are not.
+    """
+    searched = sum(row.result is not None for row in rows)
+    there = f"{searched} of {len(rows)} sets that are there were searched"
+    yield f"{there}; {len(missing)} known ones are not there."
     for one in missing:
         yield f"{one.name} is not there: {one.get}, and give --data DIR"

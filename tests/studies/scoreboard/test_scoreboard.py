@@ -96,7 +96,9 @@ def test_finished_sets_are_kept_after_ctrl_c_and_only_the_others_are_searched(tm
     assert first.interrupted and [row[1] for row in first.tables[0].rows].count("not searched yet") == 1
     again = scored(tmp_path / "out", nothing, sets)
     assert {row.named for row in again.rows} == {(EFFECT,), ()}
-    assert scored(tmp_path / "out", must_not_run, sets).failed == 0
+    assert scored(tmp_path / "out", must_not_run, sets).lines == (
+        "2 of 2 sets that are there were searched; 0 known ones are not there.",
+    )
     with pytest.raises(InputError, match="other settings"):
         scored(tmp_path / "out", named, sets, seed=4)
 
@@ -203,11 +205,24 @@ def test_options_that_do_not_belong_to_the_scoreboard_are_refused(tmp_path, caps
     assert words in capsys.readouterr().err
 
 
+def test_the_command_writes_its_page_also_when_no_set_is_missing(tmp_path, sets, monkeypatch, capsys):
+    monkeypatch.setattr("omnimj.cli.scoreboard.search_and_write", named)
+    monkeypatch.setattr("omnimj.studies.scoreboard.sets.known_sets", lambda: ())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
+    folder = tmp_path / "out"
+    assert main(["gap", "--scoreboard", *map(str, sets), "--out", str(folder)]) == 0
+    assert EFFECT in capsys.readouterr().out and EFFECT in (folder / "report.html").read_text(
+        encoding="utf-8"
+    )
+    files = {"report.html", "results", "scoreboard.json", "scoreboard.md", "scoreboard_plan.json", "sets"}
+    assert {file.name for file in folder.iterdir()} == files
+
+
 def test_without_data_the_table_says_where_the_known_sets_are(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["gap", "--scoreboard"]) == 0
     shown = capsys.readouterr().out
-    assert shown.count("not there") == 8 and "github.com/Rhoban/bam" in shown and "written to" not in shown
+    assert shown.count("not there") == 9 and "github.com/Rhoban/bam" in shown and "written to" not in shown
     assert list(tmp_path.iterdir()) == []
 
 
