@@ -10,7 +10,11 @@ from scipy.integrate import solve_ivp
 
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.sentences import effect_label
+from omnimj.estimate.replay.interface import Setting
+from omnimj.estimate.replay.mjcf.replay import MachineReplay
+from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Run
+from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.write_dataset import write_dataset
 from omnimj.resources import models_folder
 
@@ -44,12 +48,12 @@ def noisy(generator, values, size):
     return values + size * generator.standard_normal(len(values))
 
 
-def servo_logs(folder: Path, stiffness=np.inf, delay=0.0, viscous=0.0, seed=11):
+def servo_logs(folder: Path, stiffness=np.inf, delay=0.0, viscous=0.0, runs=6, seed=11):
     """Write logs of a servo with a weight; the encoder is on the motor, a stiff spring is a rigid shaft."""
     generator, made = np.random.default_rng(seed), []
     time = np.arange(0.0, 6.0, PERIOD)
     link = INERTIA + MASS * ARM**2
-    for k in range(6):
+    for k in range(runs):
         size, slow, fast, phase = generator.uniform([3.0, 0.3, 1.0, 0.0], [5.0, 0.8, 3.0, 6.0])
 
         def voltage(t, size=size, slow=slow, fast=fast, phase=phase):
@@ -99,6 +103,20 @@ def test_a_spring_a_late_motor_and_a_damper_are_told_apart(
     value = found[name].parameters[parameter]
     measured(f"{name}: relative error", abs(value.value / truth - 1.0), error)
     assert value.value == pytest.approx(truth, rel=error)
+
+
+def test_a_machine_with_its_spring_needs_the_measured_voltage_and_moves_as_measured(tmp_path):
+    servo_logs(tmp_path, stiffness=20.0, runs=2)
+    replay = MachineReplay(read_dataset(tmp_path / "data"), read_machine_file(tmp_path / "arm.xml"))
+    true = np.array([b.nominal for b in replay.base])
+
+    def mismatch(compliance):
+        (found,) = replay.simulate([Setting(true, {"compliance (shaft)": np.array([compliance])})])
+        return np.sqrt(np.nanmean((replay.measured - found) ** 2, axis=0))
+
+    stiff, sprung, soft = (mismatch(compliance) for compliance in (0.0, 0.05, 0.1))
+    assert np.all(sprung < 0.95 * stiff) and np.all(sprung < 0.95 * soft)
+    assert sprung[1] < 0.6 * stiff[1] and sprung[1] < 0.6 * soft[1]
 
 
 def two_link_logs(folder: Path, stiffness: float, seed: int):
