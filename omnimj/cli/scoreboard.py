@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from omnimj.studies.scoreboard.study import ScoreboardResult
     from omnimj.studies.statistics import Table
 
+_BETWEEN = r"[,;] (?![^(]*\))"  # between effects, not between the parts of one
 REPORT, NUMBERS = "report.html", "scoreboard.json"
 
 
@@ -96,9 +99,20 @@ def _run(arguments: Any, folder: Path) -> ScoreboardResult:
 
 def _format(outcome: ScoreboardResult, folder: Path, is_kept: bool) -> str:
     # origins are long: they stand in the files
-    shown = [outcome.tables[0], *_without_last_column(outcome.tables[1:])]
+    shown = [_one_effect_per_line(outcome.tables[0]), *_without_last_column(outcome.tables[1:])]
     text = format_study((), shown, outcome.lines, outcome.interrupted and is_kept, folder)
     return text if is_kept else text.rpartition("\n\n")[0]
+
+
+def _one_effect_per_line(table: Table) -> Table:
+    """The table of all sets with a line for each named and each expected effect."""
+    rows = []
+    for name, named, expected, *numbers in table.rows:
+        is_searched = numbers[-1] != "–"
+        columns = [re.split(_BETWEEN, named) if is_searched else [named], re.split(_BETWEEN, expected)]
+        for k, (one, other) in enumerate(itertools.zip_longest(*columns, fillvalue="")):
+            rows.append((name if k == 0 else "", one, other, *(numbers if k == 0 else [""] * len(numbers))))
+    return replace(table, rows=tuple(rows))
 
 
 def _without_last_column(tables: Sequence[Table]) -> list[Table]:

@@ -90,6 +90,8 @@ def _cells(row: Row) -> tuple[str, ...]:
     words = ", ".join(map(_with_rivals, result["effects"])) or verdict
     words += "; incomplete" if result["incomplete"] else ""
     found = f"{len(row.found)} of {len(row.expected)}" if row.expected else "–"
+    rivals = sum(label not in row.named for label in row.found)
+    found += f", {rivals} as rival" if rivals else ""
     smaller = "–" if row.shrink is None else f"{100.0 * row.shrink:.0f} %"
     sizes = (format_number(result["before"]), format_number(result["after"]))
     return (row.name, words, expected, found, *sizes, smaller, f"{result['minutes']:.1f}")

@@ -81,7 +81,8 @@ def test_a_rival_that_the_data_do_not_exclude_counts_as_found_and_a_refused_name
     def rivals(*_):
         return replace(NAMED, effects=(one,))
 
-    assert scored(tmp_path / "a", rivals, sets[:1]).rows[0].found == ("grade",)
+    outcome = scored(tmp_path / "a", rivals, sets[:1])
+    assert outcome.rows[0].found == ("grade",) and outcome.tables[0].rows[0][3] == "1 of 2, 1 as rival"
     outcome = scored(tmp_path / "b", nothing, sets[:1])
     assert outcome.rows[0].found == () and outcome.tables[0].rows[0][1] == "unexplained"
     assert outcome.tables[0].rows[0][4:7] == ("3", "–", "–")
