@@ -222,15 +222,18 @@ def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
     )
 
 
-def add_results(parser: argparse.ArgumentParser, json_file: str, replaced: str = "") -> None:
+def add_results(
+    parser: argparse.ArgumentParser, json_file: str, replaced: str = "", required: bool = True
+) -> None:
     """Add `--out DIR`, `--force` and `--json` to a command that writes a folder.
 
     Args:
       parser: Parser of the command.
       json_file: File in the folder that `--json` prints.
       replaced: Kind of work that `--force` replaces, for its help.
+      required: False if the command checks itself that `--out` is given.
     """
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=required, help="folder for the results")
     words = "write into --out although it is not empty"
     if replaced:
         words += f"; another {replaced} there is replaced"

@@ -20,6 +20,7 @@ from omnimj.cli.arguments import (
     whole_number,
 )
 from omnimj.cli.progress import progress_bar
+from omnimj.cli.scoreboard import add_scoreboard_arguments, run_scoreboard_command
 from omnimj.cli.terminal import (
     format_data_faults,
     format_json,
@@ -47,7 +48,8 @@ MODEL, MJCF_MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj gap`."""
-    parser.add_argument("dataset", type=Path, nargs="?", help="folder of the measured runs")
+    words = "folder of the measured runs"
+    parser.add_argument("dataset", metavar="DATASET", type=Path, nargs="*", help=words)
     parser.add_argument(
         "--model",
         metavar="FILE",
@@ -63,9 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="runs or conditions to hold out for judging, comma separated (default: drawn by the seed)",
     )
     add_accept(parser)
-    add_results(parser, "gap.json")
+    add_results(parser, "gap.json", required=False)
     add_seed(parser, "seed of the held-out runs and of the random curves, or of the benchmark")
+    add_workers(parser.add_argument_group("many searches", "of benchmark and scoreboard"))
     add_benchmark_arguments(parser)
+    add_scoreboard_arguments(parser)
 
 
 def run(arguments: Any) -> int:
@@ -81,14 +85,28 @@ def run(arguments: Any) -> int:
     """
     from omnimj.recording.folder import check_folder
 
+    if arguments.scoreboard and not arguments.benchmark:
+        return run_scoreboard_command(arguments)
+    if arguments.out is None:
+        raise InputError("omnimj gap", "the following arguments are required: --out", "see omnimj gap --help")
     if arguments.benchmark:
         return run_gap_benchmark(arguments)
     check_folder(arguments.out, arguments.force)
     _require_no_folders(arguments.out)
-    if arguments.dataset is None:
-        raise InputError("omnimj gap", "DATASET is missing", "see omnimj gap --help")
-    finding = _search(arguments)
+    finding = _search(arguments, _only_dataset(arguments))
     return _write_and_print(arguments, finding)
+
+
+def _only_dataset(arguments: Any) -> Path:
+    """The one dataset of a plain search."""
+    if arguments.data is not None:
+        raise InputError("--data", f"found {arguments.data}", "it belongs to --scoreboard")
+    if not arguments.dataset:
+        raise InputError("omnimj gap", "DATASET is missing", "see omnimj gap --help")
+    if len(arguments.dataset) > 1:
+        rule = "--scoreboard searches many datasets"
+        raise InputError("omnimj gap", f"found {str(arguments.dataset[1])!r}, one argument too many", rule)
+    return arguments.dataset[0]
 
 
 def _require_no_folders(folder: Path) -> None:
@@ -98,12 +116,12 @@ def _require_no_folders(folder: Path) -> None:
             raise InputError(f"--out {folder}", f"has a folder {name}", "a file will go there")
 
 
-def _search(arguments: Any) -> Finding:
+def _search(arguments: Any, dataset: Path) -> Finding:
     from omnimj.estimate.gap.find import find_gap
 
     with progress_bar(arguments) as bar:
         return find_gap(
-            arguments.dataset,
+            dataset,
             arguments.model,
             arguments.holdout,
             bar.show_share,
@@ -113,14 +131,22 @@ def _search(arguments: Any) -> Finding:
         )
 
 
-def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
-    """Return the texts of new model and floors, or an error to raise once the other files are written."""
+def new_texts(
+    finding: Finding, model: Path | None, floors_file: Path | None
+) -> tuple[dict[str, str], InputError | None]:
+    """Return the texts of new model and floors, or an error to raise once the other files are written.
+
+    Args:
+      finding: Result of the search.
+      model: Model file from which it began; None for the shipped one or that of the dataset.
+      floors_file: Floors beside the shipped ones.
+    """
     from omnimj.estimate.gap.files import new_floors_text, new_model_files
     from omnimj.parameters.floor import all_floors
 
     try:
-        texts = new_model_files(finding, arguments.model or finding.model)
-        floors = new_floors_text(finding, all_floors(arguments.floors), arguments.model)
+        texts = new_model_files(finding, model or finding.model)
+        floors = new_floors_text(finding, all_floors(floors_file), model)
     except InputError as error:
         return {}, error
     return texts if floors is None else {**texts, FLOORS: floors}, None
@@ -130,7 +156,7 @@ def _write_and_print(arguments: Any, finding: Finding) -> int:
     """Print and write the finding, also that of an interrupted search: a full disk must not cost it."""
     from omnimj.estimate.gap.files import digest
 
-    texts, refused = _new_texts(arguments, finding)
+    texts, refused = new_texts(finding, arguments.model, arguments.floors)
     model = next((name for name in (MJCF_MODEL, MODEL) if name in texts), None)
     content = digest(finding, model, FLOORS if FLOORS in texts else None, command_line(arguments))
     failed = finding.failure and finding.failure != _BY_CTRL_C
@@ -195,6 +221,7 @@ def _format_written(folder: Path, content: Mapping[str, Any]) -> str:
 def format_finding(finding: Finding) -> str:
     """Format data check, verdict, location and size of the gap, missing effects and next step."""
     from omnimj.estimate.gap import sentences
+    from omnimj.estimate.replay.interface import EXCITED, NOT_SOUGHT
     from omnimj.recording.read_dataset import INCOMPLETE
 
     parts = [
@@ -206,6 +233,7 @@ def format_finding(finding: Finding) -> str:
         _format_effects(finding),
         _format_gaps(finding),
         _format_next(finding),
+        "\n".join(note for note in finding.data_notes if note.startswith((EXCITED, NOT_SOUGHT))),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -306,7 +334,6 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
     words = "only the first N cases, which are in random order"
     group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)
-    add_workers(group)
     words = "plant that makes the data: twin (default), or planar, which is faster"
     group.add_argument("--made-by", metavar="M", default="twin", help=words)
     words = "machine of the datasets (default and only one: quarter_rig)"
@@ -325,6 +352,7 @@ def run_gap_benchmark(arguments: Any) -> int:
       UnknownNameError: The maker or plant does not exist.
     """
     given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
+    given |= {"--data": arguments.data, "--scoreboard": arguments.scoreboard}
     for name, value in given.items():
         if value:
             raise InputError(
@@ -364,7 +392,8 @@ GAP = Command(
   omnimj gap data/lateral --out out/lateral
   omnimj gap data/axis --model my_axis.toml --holdout sine_07,slow --out out/axis
   omnimj validate data/lateral --model out/lateral/model.toml --out out/after
-  omnimj gap --benchmark --seed 100 --workers 2 --out out/benchmark""",
+  omnimj gap --benchmark --seed 100 --workers 2 --out out/benchmark
+  omnimj gap --scoreboard my_machine --data downloads --out out/scoreboard""",
     add_arguments,
     run,
 )

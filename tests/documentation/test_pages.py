@@ -19,7 +19,7 @@ BLOCKS = [
         re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     )
 ]
-KNOWN = {"python", "sh", "bash", "toml", "text", "math", "mermaid", "json", "xml", "c", "bibtex"}
+KNOWN = {"python", "sh", "bash", "toml", "text", "math", "mermaid", "json", "xml", "c", "bibtex", "csv"}
 
 
 @pytest.mark.parametrize("language, code", BLOCKS)

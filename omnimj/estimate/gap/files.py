@@ -62,6 +62,7 @@ def digest(
             for part, gaps in (("train", finding.train), ("heldout", finding.heldout))
         },
         "shrink": finding.shrink,
+        "heldout_total": dict(zip(("before", "after"), finding.heldout_total, strict=True)),
         "next_experiment": None if finding.next_experiment is None else dict(finding.next_experiment),
         "model": new_model,
         "floors": new_floors,

@@ -145,6 +145,10 @@ def analyse_replay(
         traction=_traction(replay, found, after),
         ended=found.ended,
         model=about.model,
+        heldout_total=(
+            _in_noise(found, mismatch_before),
+            None if mismatch_after is None else _in_noise(found, mismatch_after),
+        ),
     )
 
 
@@ -229,9 +233,15 @@ def _shrink(found: SearchResult, before: Array, after: Array | None) -> float | 
     """1 − after/before on held-out runs, RMS over all channels in units of their noise."""
     if after is None:
         return None
-    rows = ~found.used
-    whole = [np.nansum((m[rows] / found.problem.noise) ** 2) for m in (after, before)]
-    return float(1.0 - np.sqrt(whole[0] / whole[1])) if whole[1] > 0.0 else None
+    rest, was = _in_noise(found, after), _in_noise(found, before)
+    return 1.0 - rest / was if was > 0.0 else None
+
+
+def _in_noise(found: SearchResult, mismatch: Array) -> float:
+    """Held-out mismatch, RMS over all channels in units of noise."""
+    parts = mismatch[~found.used] / found.problem.noise
+    known = parts[np.isfinite(parts)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
 
 
 def _next(found: SearchResult, verdict: Verdict):

@@ -165,9 +165,11 @@ def _machine_replay(dataset: Dataset, machine: Any, floors: Mapping[str, Floor])
 
 
 def _require_machine(dataset: Dataset, machine: Any) -> None:
-    from omnimj.estimate.replay.mjcf.columns import require_machine
+    from omnimj.estimate.replay.mjcf.columns import measured_parts
+    from omnimj.estimate.replay.mjcf.contacts import free_runs
 
-    require_machine(dataset, machine)
+    measured_parts(dataset, machine)
+    free_runs(dataset.runs, machine, dataset.path)
 
 
 def _logged_rate(dataset: Dataset, machine: Any) -> float:

@@ -186,6 +186,8 @@ class Finding(Displayed):
     """Reason for which the search added nothing more; empty if it was interrupted."""
     model: Path | None = None
     """Model file that the dataset names."""
+    heldout_total: tuple[float | None, float | None] = (None, None)
+    """Held-out mismatch before and after, RMS over all channels in units of their noise."""
 
 
 @dataclass(frozen=True)

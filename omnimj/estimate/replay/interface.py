@@ -16,6 +16,8 @@ import numpy as np
 from omnimj.effects import FLOOR, Effect, EffectParameter, effects_of
 from omnimj.signals import Array
 
+EXCITED, NOT_SOUGHT = "excited", "not sought"
+"""Beginnings of notes of a replay: joints that move enough, and effects that cannot show."""
 MOST_EFFECTS = 4
 """Usual largest number of effects in a model."""
 KNOTS = 8

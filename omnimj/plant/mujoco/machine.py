@@ -39,6 +39,7 @@ from omnimj.plant.mujoco.quantities import (
     sensor_names,
     unit_of,
 )
+from omnimj.plant.mujoco.structure import refuse_structure
 
 _KEYS = ("value", "half_width", "unit")
 _POSITIVE, _FINITE = Rule(0.0, math.inf, True), Rule(-math.inf, math.inf, False)
@@ -127,7 +128,7 @@ def read_machine_file(path: Path | None) -> Machine:
         rule = 'give --model FILE.xml, or model = "FILE.xml" in dataset.toml'
         raise InputError("--model", "is missing", f"a dataset of any machine needs its MJCF file: {rule}")
     mj_model = _compile(path)
-    _refuse_structure(mj_model, path)
+    refuse_structure(mj_model, path)
     drives = read_drives(mj_model, path)
     machine = Machine(path, mj_model, drives, read_values(mj_model, drives))
     if not machine.facts.is_file():
@@ -152,32 +153,6 @@ def _compile(path: Path) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(path, "is not an MJCF model", " ".join(str(error).split())) from None
-
-
-def _refuse_structure(m: mujoco.MjModel, path: Path) -> None:
-    """Refuse what cannot be replayed, in one line that names the part."""
-    kinds = {int(mujoco.mjtJoint.mjJNT_FREE): "free", int(mujoco.mjtJoint.mjJNT_BALL): "ball"}
-    for k, name in enumerate(joint_names(m)):
-        body = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_BODY, m.jnt_bodyid[k]) or "?"
-        place = f"{path}: joint {name or k + 1!r} of body {body!r}"
-        kind = int(m.jnt_type[k])
-        if kind in kinds:
-            rule = "the base must be fixed, and joints hinges or slides"
-            raise InputError(place, f"is a {kinds[kind]} joint", rule)
-        if not name:
-            raise InputError(place, "has no name", "columns of the dataset name the joints: give it one")
-    if not m.njnt:
-        raise InputError(path, "has no joints", "a machine that moves is needed")
-    for count, kind, what in (
-        (m.neq, mujoco.mjtObj.mjOBJ_EQUALITY, "constraint: closed loops and coupled joints"),
-        (m.ntendon, mujoco.mjtObj.mjOBJ_TENDON, "tendon: tendons"),
-    ):
-        if count:
-            name = mujoco.mj_id2name(m, kind, 0) or "1"
-            kind_words, _, plural = what.partition(": ")
-            raise InputError(f"{path}: {name!r}", f"is a {kind_words}", f"{plural} cannot be replayed")
-    if m.nflex or m.nplugin:
-        raise InputError(path, "has flexible bodies or plugins", "these cannot be replayed")
 
 
 def _uncertain(machine: Machine, tree: Any):

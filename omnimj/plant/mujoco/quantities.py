@@ -126,7 +126,8 @@ def _drive(m: mujoco.MjModel, k: int, joints: Sequence[str], place: object) -> D
     at = f"{place}: actuator {name or k + 1!r}"
     transmissions = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     if m.actuator_trntype[k] not in transmissions:
-        raise InputError(at, "does not act on a joint", "tendons and sites are not supported")
+        rule = "the force of a tendon, site or body is shared among joints: let it act on one"
+        raise InputError(at, "does not act on a joint", rule)
     gain, dynamics = m.actuator_gaintype[k], m.actuator_dyntype[k]
     filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
     if gain == mujoco.mjtGain.mjGAIN_DCMOTOR and not m.actuator_gainprm[k, 2:].any():

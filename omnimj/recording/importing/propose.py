@@ -278,7 +278,10 @@ def _kept(found: Mapping[str, list[str]], taken: set[str], known: set[str]) -> d
 
 
 def _any_machine(columns: Mapping[str, SourceColumn], remarks: dict[str, str]) -> dict[str, ColumnSource]:
-    """Columns of one joint and its actuator; everything else is a sensor of its name."""
+    """Columns of one joint and its actuator; everything else is a sensor of its name.
+
+    Columns that have the names of a dataset, such as `position:elbow`, keep them.
+    """
     chosen: dict[str, ColumnSource] = _exact(columns, MJCF)
     joints = {name: column for name, column in columns.items() if column.part}
     for name, column in joints.items():
@@ -288,10 +291,15 @@ def _any_machine(columns: Mapping[str, SourceColumn], remarks: dict[str, str]) -
         remarks[target] = f"the name after the colon is {part} of your MJCF file"
     if joints:
         return chosen
-    for name in columns if len(chosen) < 2 else ():
+    ready, taken = any(":" in target for target in chosen), {rule.source for rule in chosen.values()}
+    for name in columns:
         plain = name.lower()
+        if name in taken:
+            continue
         if re.search(_PATTERNS[0][1], plain):
             target = "time"
+        elif ready:
+            target = f"sensor:{name}"
         elif _SET.search(plain):
             target = "control:motor"
         elif re.search(r"pos|angle|^q$", plain):

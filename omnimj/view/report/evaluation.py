@@ -1,4 +1,4 @@
-"""`report.html` of an evaluation or of the gap benchmark: tables, and plots of the evaluation."""
+"""`report.html` of an evaluation, the gap benchmark or the scoreboard: tables, and plots of an evaluation."""
 
 from __future__ import annotations
 
@@ -42,13 +42,31 @@ def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[Te
       lines: Sentences about the benchmark.
       tables: Tables of `benchmark.md`; empty ones are left out.
     """
+    _write_tables(path, "Blind benchmark of the gap workflow", lines, tables, "benchmark.json")
+
+
+def write_scoreboard_report(path: Path, lines: Sequence[str], tables: Sequence[TextTable]) -> None:
+    """Write the report of the scoreboard of real measurements.
+
+    Args:
+      path: HTML file to write.
+      lines: Sentences on sets that are not there.
+      tables: Tables of `scoreboard.md`; empty ones are left out.
+    """
+    heading = "Gap workflow on real measurements"
+    _write_tables(path, heading, lines, tables, "scoreboard.json, reports of the searches in sets/")
+
+
+def _write_tables(
+    path: Path, heading: str, lines: Sequence[str], tables: Sequence[TextTable], files: str
+) -> None:
     write_page(
         path,
         "evaluation",
-        "Blind benchmark of the gap workflow",
+        heading,
         lines=list(map(_plain, lines)),
         tables=_titled([one for one in tables if one.rows]),
-        files="benchmark.json",
+        files=files,
         figures=[],
         cases=None,
         sections=[],

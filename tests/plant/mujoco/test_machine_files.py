@@ -75,14 +75,20 @@ def inertia_about_the_joint(model):
 
 def test_structures_that_cannot_be_replayed_are_refused_in_one_line_with_the_part(tmp_path):
     cases = [
-        ({"joint": ' type="free"'}, "joint 'j' of body 'b': is a free joint"),
-        ({"joint": ' type="ball"'}, "is a ball joint"),
+        ({"joint": ' type="free"'}, "joint 'j' of body 'b': is a free joint; the forces on a floating base"),
+        ({"joint": ' type="ball"'}, "is a ball joint; its position is no single number: write three hinges"),
         ({"body": '<body name="b"><joint/><geom size="0.1"/></body>'}, "has no name"),
         (
-            {"rest": '<tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>'},
-            "is a tendon",
+            {"rest": '<tendon><fixed name="t" frictionloss="1"><joint joint="j" coef="1"/></fixed></tendon>'},
+            "tendon 't': has frictionloss; its springs and dampers can be replayed, nothing else",
         ),
-        ({"rest": '<equality><joint name="e" joint1="j"/></equality>'}, "'e': is a constraint"),
+        (
+            {"rest": '<equality><joint name="e" joint1="j"/></equality>'},
+            "equality 'e': couples joint 'j' to a constant; how coupled joints share their load is in no log",
+        ),
+        ({"rest": '<equality><connect name="e" body1="b" anchor="0 0 1"/></equality>'}, "closes a loop"),
+        ({"rest": '<equality><weld body1="b"/></equality>'}, "equality '1': closes a loop (weld)"),
+        ({"rest": '<actuator><motor joint="j"/></actuator>'}, "actuator 1: has no name"),
         ({"body": '<geom size="1"/>'}, "has no joints"),
         ({"body": "<nonsense/>"}, "is not an MJCF model"),
         (
@@ -94,6 +100,17 @@ def test_structures_that_cannot_be_replayed_are_refused_in_one_line_with_the_par
         with pytest.raises(InputError) as caught:
             read_machine_file(written(tmp_path, **given))
         assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        '<equality><connect body1="b" anchor="0 0 1" active="false"/></equality>',
+        '<tendon><fixed stiffness="2" damping="1"><joint joint="j" coef="1"/></fixed></tendon>',
+    ],
+)
+def test_a_constraint_that_is_switched_off_and_a_springy_tendon_are_no_hindrance(tmp_path, rest):
+    assert read_machine_file(written(tmp_path, rest=rest)).joints == ("j",)
 
 
 @pytest.mark.parametrize(

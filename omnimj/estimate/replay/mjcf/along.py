@@ -13,7 +13,16 @@ from scipy.signal import savgol_filter
 from omnimj.effects import ChannelEffect
 from omnimj.effects.parts import BODY
 from omnimj.estimate.replay.mjcf import kernels
-from omnimj.estimate.replay.mjcf.kernels import ARMATURE, COMPLIANCE, SPRING, SPRING_REST, Simulation
+from omnimj.estimate.replay.mjcf.kernels import (
+    ARMATURE,
+    COMPLIANCE,
+    DAMPING,
+    GEAR,
+    SPRING,
+    SPRING_REST,
+    VELOCITY_GAIN,
+    Simulation,
+)
 from omnimj.estimate.replay.mjcf.laws import Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog
 from omnimj.plant.mujoco.machine import Machine
@@ -24,15 +33,26 @@ from omnimj.signals import Array
 _KEPT = 64  # rigid-body forces along the motion that are remembered
 _STIFF = 0.9999  # impedance of dry friction: a joint at rest does not creep
 _STEP = 0.002  # [s] shortest step of the windows
+_BENDING = 0.05  # [s] half width of the filter of deflections: below its resonance a spring follows slowly
 _OFF = mujoco.mjtDisableBit
 
 
 class Motion:
     """Motion of a machine under the position sensors of a setting, and its rigid-body forces."""
 
-    def __init__(self, position: Array, speed: Array, acceleration: Array, rigid: Array, readings: Array):
+    def __init__(
+        self,
+        position: Array,
+        speed: Array,
+        acceleration: Array,
+        rigid: Array,
+        readings: Array,
+        bent: tuple[Array, Array, Array] | None = None,
+    ):
         self.position, self.speed, self.acceleration = position, speed, acceleration
-        """Shape (n, j) each."""
+        """Motion of the motors, shape (n, j) each."""
+        self.bent = bent
+        """Deflections of the springs, their speeds and accelerations, shape (n, j) each; None without any."""
         self.rigid = rigid
         """Rigid-body forces, shape (n, j) [N or N.m]."""
         self.readings = readings
@@ -102,13 +122,14 @@ class Dynamics:
             return rigid, readings
 
         rigid, readings = forces(position, speed, acceleration)
+        bent = None
         if laws.joints[:, COMPLIANCE].any():
             bent = self._bent(rigid, laws.joints[:, COMPLIANCE])
             moved = (
                 part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
             )
             rigid, readings = forces(*map(np.ascontiguousarray, moved))
-        return Motion(position, speed, acceleration, rigid, readings)
+        return Motion(position, speed, acceleration, rigid, readings, bent)
 
     def _true(self, values: Array, reading: ChannelEffect, order: int) -> Array:
         """Motion of a joint from readings of its encoder; order 0: position, 1: speed, 2: acceleration."""
@@ -128,7 +149,8 @@ class Dynamics:
         found = np.zeros((3, *rigid.shape))
         for j in np.flatnonzero(compliance):
             for first, last, _, _ in log.stretches:
-                width = min(max(2 * round(log.reach[j] / log.period) + 1, 5), int(last - first) - 1 | 1)
+                half = max(float(log.reach[j]), _BENDING)
+                width = min(max(2 * round(half / log.period) + 1, 5), int(last - first) - 1 | 1)
                 for order in range(3):
                     found[order, first:last, j] = compliance[j] * savgol_filter(
                         rigid[first:last, j], width, 3, deriv=order, delta=log.period
@@ -173,6 +195,14 @@ class Dynamics:
         mj_data = mujoco.MjData(model)
         mujoco.mj_setConst(model, mj_data)
         found = np.full((log.blocks, 2 * len(laws.joints)), np.nan)
+        links, speeds, loads = motion.position, motion.speed, np.zeros(motion.position.shape)
+        braking = loads
+        if motion.bent is not None:
+            links, speeds = links - motion.bent[0], speeds - motion.bent[1]
+            loads = motion.rigid * (laws.joints[:, COMPLIANCE] > 0.0)
+            electric = -laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
+            damping = laws.joints[:, DAMPING] + np.where(log.enabled, electric, 0.0)
+            braking = damping * motion.bent[1] + laws.joints[:, ARMATURE] * motion.bent[2]
         kernels.free_windows(
             _arrays(model, mj_data),
             laws.joints,
@@ -180,8 +210,10 @@ class Dynamics:
             chosen,
             self.substeps,
             log.times,
-            motion.position,
-            motion.speed,
+            links,
+            speeds,
+            loads,
+            braking,
             commands,
             log.enabled,
             log.size,

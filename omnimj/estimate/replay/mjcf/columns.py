@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
-import numpy as np
 
 from omnimj.effects.parts import ACTUATOR
 from omnimj.errors import InputError, UnknownNameError
@@ -20,7 +19,6 @@ _KINEMATIC = {
     mujoco.mjtSensor.mjSENS_ACTUATORVEL,
 }
 """Sensors of one number that follow from the measured motion."""
-_CHECKED = 200  # places of each run at which contacts are looked for
 
 
 @dataclass(frozen=True)
@@ -110,31 +108,3 @@ def _sensors(machine: Machine, columns: set[str], notes: list[str]):
         else:
             what = mujoco.mjtSensor(m.sensor_type[index]).name.removeprefix("mjSENS_").lower()
             notes.append(f"{column} is not compared: sensors of kind {what} are not supported")
-
-
-def require_machine(dataset: Dataset, machine: Machine) -> None:
-    """Refuse logs whose columns do not fit, and motions in which bodies touch.
-
-    Raises:
-      InputError: As `measured_parts`; or two geoms touch along the measured motion.
-      UnknownNameError: As `measured_parts`.
-    """
-    parts = measured_parts(dataset, machine)
-    m = machine.mj_model
-    mj_data = mujoco.MjData(m)
-    for run in dataset.runs:
-        places = np.column_stack([run.columns[f"position:{name}"] for name in parts.joints])
-        for k in np.linspace(0, len(places) - 1, min(_CHECKED, len(places))).astype(int).tolist():
-            mj_data.qpos[:] = places[k]
-            mujoco.mj_fwdPosition(m, mj_data)
-            touching = [c for c in mj_data.contact[: mj_data.ncon] if c.dist < 0.0]
-            if touching:
-                names = [
-                    mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_GEOM, g) or f"geom {g}"
-                    for g in (touching[0].geom1, touching[0].geom2)
-                ]
-                found = f"{names[0]!r} and {names[1]!r} touch at {run.time[k]:.4g} s"
-                rule = (
-                    "contacts cannot be replayed; where they do not matter, set contype and conaffinity to 0"
-                )
-                raise InputError(f"{dataset.path}: run {run.name!r}", found, rule)

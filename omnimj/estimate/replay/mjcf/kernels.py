@@ -232,7 +232,20 @@ def rigid_forces(simulation, position, speed, acceleration, places, rigid, readi
 
 @kernel
 def free_windows(
-    simulation, laws, curve, windows, substeps, times, position, speed, commands, enabled, size, blocks
+    simulation,
+    laws,
+    curve,
+    windows,
+    substeps,
+    times,
+    position,
+    speed,
+    loads,
+    braking,
+    commands,
+    enabled,
+    size,
+    blocks,
 ):
     """Simulate free windows from the measured state and average the positions over the blocks.
 
@@ -243,8 +256,10 @@ def free_windows(
       windows: Table of the windows to simulate, shape (w, WINDOW).
       substeps: Steps per row.
       times: Time since the start of the run, shape (n,) [s].
-      position: Shape (n, j).
-      speed: Shape (n, j).
+      position: Positions of the links, behind the springs, shape (n, j).
+      speed: Their speeds, shape (n, j).
+      loads: Forces that the springs transmit, 0 without one, shape (n, j).
+      braking: Forces on the motors by the deflection of their springs, shape (n, j).
       commands: Effective inputs of the actuators, shape (n, j).
       enabled: Whether the actuators are on, shape (n, j).
       size: Rows per block.
@@ -255,8 +270,8 @@ def free_windows(
     for w in range(len(windows)):
         first, last, at = windows[w, FIRST], windows[w, LAST], windows[w, FIRST_BLOCK]
         for j in range(joints):
-            simulation.qpos[j] = position[first, j] - laws[j, COMPLIANCE] * load[j]
-            simulation.qvel[j], simulation.warm[j], load[j] = speed[first, j], 0.0, 0.0
+            simulation.qpos[j], simulation.qvel[j] = position[first, j], speed[first, j]
+            simulation.warm[j], load[j] = 0.0, loads[first, j]
         blocks[at : at + (last - first) // size] = 0.0
         for k in range(first, last):
             block = at + (k - first) // size
@@ -270,6 +285,7 @@ def free_windows(
                 for j in range(joints):
                     command = (1.0 - share) * commands[k, j] + share * commands[k + 1, j]
                     _set_forces(simulation, laws[j], curve, j, command, enabled[k, j], times[k], load)
+                    simulation.applied[j] -= (1.0 - share) * braking[k, j] + share * braking[k + 1, j]
                 call_step(simulation.step, simulation.model, simulation.data)
                 for j in range(joints):
                     load[j] = simulation.applied[j] + simulation.passive[j] + simulation.constraint[j]

@@ -26,6 +26,7 @@ from omnimj.estimate.replay.interface import (
 from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
 from omnimj.estimate.replay.mjcf.columns import measured_parts
+from omnimj.estimate.replay.mjcf.contacts import free_runs
 from omnimj.estimate.replay.mjcf.experiments import machine_experiments, moved_log
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
@@ -40,6 +41,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import LawMaker, Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog, read_machine_log
+from omnimj.estimate.replay.mjcf.scope import scope_notes
 from omnimj.estimate.replay.mjcf.settings import (
     JointSpan,
     base_parameters,
@@ -81,12 +83,13 @@ class MachineReplay:
           threads: Threads for several settings at once; the machine's cores when None.
 
         Raises:
-          InputError: A joint or input was not measured, or no run is long enough.
+          InputError: A joint or input was not measured, no run is long enough, or bodies touch in all.
           UnknownNameError: A column names a part that the MJCF file does not have.
         """
-        self._machine, self._runs, self._threads = machine, dataset.runs, threads
+        self._machine, self._threads = machine, threads
         self.parts = measured_parts(dataset, machine)
-        self.log = log = read_machine_log(dataset.runs, self.parts, window)
+        self._runs, contacts = free_runs(dataset.runs, machine, dataset.path)
+        self.log = log = read_machine_log(self._runs, self.parts, window)
         self._dynamics = Dynamics(machine, log, self.parts.sensors)
         self._windows = self._chosen_windows()
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
@@ -101,8 +104,9 @@ class MachineReplay:
         self.segments = self._segments()
         self.measured = self._measured()
         self.channels = self._channels()
-        self.notes = (*self.parts.notes, *self._resting())
-        """Notes on columns that are not used and joints that hardly move, one sentence each."""
+        scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
+        self.notes = (*self.parts.notes, *scope, *contacts)
+        """Notes on columns and rows that are not used, excited joints and effects that are not sought."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
@@ -236,13 +240,6 @@ class MachineReplay:
             columns = (log.position[:, j], log.speed[:, j], log.acceleration[:, j])
             found[name] = joint_span(*columns, own, noise)
         return found
-
-    def _resting(self) -> list[str]:
-        return [
-            f"joint {name} hardly moves in these runs: nothing can be found about its friction and drive"
-            for name, span in self.spans.items()
-            if not span.is_excited
-        ]
 
     def _chosen_windows(self) -> NDArray[np.int64]:
         """Windows that are simulated, evenly over the logs."""

@@ -1,0 +1,188 @@
+"""Study of real sets, `omnimj gap --scoreboard`: each is imported, searched and compared with publications.
+
+The folder:
+  scoreboard_plan.json    settings
+  unpacked/               archives of known sets, unpacked
+  sets/NAME/              files of the search of a set; `dataset/` in it where its logs were imported
+  results/NAME.json       what the table shows of a set
+  scoreboard.json, scoreboard.md
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import omnimj
+from omnimj.errors import SimulationError
+from omnimj.estimate.gap.records import Finding
+from omnimj.estimate.gap.sentences import effect_label
+from omnimj.recording.json_files import to_jsonable, write_json, write_text
+from omnimj.studies.runner import StudyFolder, TrialFolder, run_guarded, run_study
+from omnimj.studies.scoreboard.sets import KnownSet, MissingSet, RealSet, find_sets
+from omnimj.studies.scoreboard.tables import HEADING, Row, introduction, score_tables
+from omnimj.studies.statistics import Table, format_markdown
+from omnimj.studies.workers import Progress, WorkerPool
+
+PLAN, NUMBERS, TEXT = "scoreboard_plan.json", "scoreboard.json", "scoreboard.md"
+_CONTENTS = ("results/*.json", "sets/*", NUMBERS, TEXT, "report.html")
+
+Search = Callable[[RealSet, Path, Path, int, bool], Finding]
+"""Set, its dataset, folder for its files, seed, accept → finding; a function of a module, for workers."""
+
+
+@dataclass(frozen=True)
+class ScoreboardConfig:
+    """Settings of a scoreboard."""
+
+    out: Path
+    search: Search
+    """Searches one dataset and writes its files."""
+    known: tuple[KnownSet, ...]
+    paths: tuple[Path, ...] = ()
+    """Folders of datasets and machines, and unpacked archives."""
+    data: Path | None = None
+    """Folder in which known sets are looked for."""
+    seed: int = 0
+    accept: bool = False
+    workers: int = 1
+    force: bool = False
+
+    def plan(self) -> dict[str, Any]:
+        """Return the settings that stored results depend on; sets may be added."""
+        return {"seed": self.seed, "accept": self.accept}
+
+
+@dataclass(frozen=True)
+class ScoreboardResult:
+    """Rows and tables of a scoreboard."""
+
+    rows: tuple[Row, ...]
+    missing: tuple[MissingSet, ...]
+    lines: tuple[str, ...]
+    tables: tuple[Table, ...]
+    interrupted: bool
+    failed: int
+
+
+def run_scoreboard(
+    config: ScoreboardConfig, report: Progress, executor: Executor | None = None
+) -> ScoreboardResult:
+    """Search all sets that are there and have no result, and compare all results with what is published.
+
+    Args:
+      config: Settings.
+      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
+      executor: Runs the searches; own processes when None.
+
+    Returns:
+      The result, also after Ctrl-C.
+
+    Raises:
+      InputError: A path holds no set, or the folder holds something else or other settings.
+      OutputError: A file cannot be written; finished results are kept.
+      SimulationError: A worker died; finished results are kept.
+    """
+    return run_study(_Scoreboard(config), report, executor)
+
+
+class _Scoreboard:
+    """Steps of a scoreboard for the study runner."""
+
+    def __init__(self, config: ScoreboardConfig):
+        self.config, self.workers = config, config.workers
+        self._results = TrialFolder(config.out / "results")
+        self._sets: Sequence[RealSet] = ()
+        self._missing: Sequence[MissingSet] = ()
+
+    def prepare(self) -> None:
+        config = self.config
+        find_sets(
+            config.paths, None, config.out, config.known
+        )  # a wrong path is told before the folder is made
+        StudyFolder(config.out, PLAN, "a scoreboard", _CONTENTS).claim(config.plan(), config.force)
+        self._sets, self._missing = find_sets(
+            config.paths, config.data, config.out / "unpacked", config.known
+        )
+
+    def work(self, pool: WorkerPool, report: Progress) -> None:
+        """Search the sets without a result, or whose files have changed since."""
+        config, tasks = self.config, {}
+        for one in self._sets:
+            mark, stored = one.fingerprint(), self._results.read(one.name)
+            if stored is None or "error" in stored or stored.get("fingerprint") != mark:
+                (self._results.path / f"{one.name}.json").unlink(missing_ok=True)
+                folder = config.out / "sets" / one.name
+                tasks[one.name] = (config.search, one, folder, config.seed, config.accept)
+        pool.run_all(search_set, tasks, self._results.write, "searching", report)
+
+    def judge(self, interrupted: bool) -> ScoreboardResult:
+        """Compare every stored result with what is published, and write the table."""
+        config = self.config
+        results, errors = self._results.collect([one.name for one in self._sets])
+        rows = tuple(Row.of(one, results.get(one.name), errors.get(one.name, "")) for one in self._sets)
+        tables = tuple(score_tables(rows, self._missing))
+        lines = tuple(introduction(rows, self._missing))
+        content = {
+            "plan": config.plan(),
+            "version": omnimj.__version__,
+            "interrupted": interrupted,
+            "sets": [row.content() for row in rows],
+            "missing": [vars(one) for one in self._missing],
+        }
+        write_json(config.out / NUMBERS, to_jsonable(content))
+        write_text(config.out / TEXT, format_markdown(HEADING, lines, [one for one in tables if one.rows]))
+        return ScoreboardResult(rows, tuple(self._missing), lines, tables, interrupted, len(errors))
+
+
+def search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
+    """Import a set if its logs need it, search it, and return what the table shows.
+
+    Args:
+      search: Searches a dataset and writes its files.
+      one: The set.
+      folder: Folder for its files; what an interrupted search left there is removed.
+      seed: Seed of the held-out draw.
+      accept: Whether to search in data with certain faults.
+    """
+    return run_guarded(lambda: _search_set(search, one, folder, seed, accept))
+
+
+def _search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
+    mark = one.fingerprint()
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    finding = search(one, _dataset(one, folder), folder, seed, accept)
+    if finding.failure:
+        raise SimulationError(finding.failure)
+    before, after = finding.heldout_total
+    return {
+        "fingerprint": mark,
+        "verdict": finding.verdict,
+        "incomplete": finding.incomplete,
+        "effects": [
+            {
+                "label": effect_label(effect),
+                "parameters": {name: vars(value) for name, value in effect.parameters.items()},
+                "indistinguishable_from": effect.indistinguishable_from,
+            }
+            for effect in finding.effects
+        ],
+        "before": before,
+        "after": after,
+        "minutes": finding.seconds / 60.0,
+    }
+
+
+def _dataset(one: RealSet, folder: Path) -> Path:
+    """Folder of the set's dataset, imported where its logs need it."""
+    if one.mapping is None:
+        return one.logs[0]
+    from omnimj.recording.importing.workflow import ImportConfig, plan_import, write_import
+
+    write_import(plan_import(ImportConfig(one.logs, one.mapping)), folder / "dataset")
+    return folder / "dataset"
