@@ -78,7 +78,7 @@ def _environment(private: str) -> dict[str, str]:
 
 
 def _reason(notebook: Any, error: Any) -> str:
-    """What went wrong, in one line: first line of the cell, error, and the last lines that it printed."""
+    """Failure in one line: first line of the cell, error, and the last lines that it printed."""
     failed = next(cell for cell in notebook.cells if _has_error(cell))
     first = _MAGIC.sub("", failed.source).strip().splitlines()[0]
     printed = "".join(one.text for one in failed.outputs if one.get("name") == "stderr").strip().splitlines()

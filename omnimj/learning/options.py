@@ -1,4 +1,4 @@
-"""What an environment can be told, checked once: plant, motion, floor, faults, action, reward."""
+"""Options of an environment, checked once: plant, motion, floor, faults, action, reward."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ OPTION_NAMES = tuple(field.name for field in dataclasses.fields(Options))
 
 @dataclass(frozen=True)
 class Task:
-    """What the episodes of an environment have in common, from `read_task`."""
+    """Constants common to all episodes of an environment, from `read_task`."""
 
     robot: Robot
     plant: str

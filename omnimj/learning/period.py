@@ -37,7 +37,7 @@ class Setup(NamedTuple):
     scale: Array
     """Unit of each number of the action, shape (n,)."""
     resistance: float
-    """Of a motor's winding [Ω]."""
+    """Resistance of a motor's winding [Ω]."""
     back_emf: float
     """Voltage of a motor per wheel speed [V s/rad]."""
     wheel_speed: float
@@ -53,7 +53,7 @@ class Episode(NamedTuple):
 
     cascade: CascadeState
     changed: Reconfiguration
-    """Of the cascade, by the action."""
+    """Change of the cascade by the action."""
     readings: Array
     """Newest readings, shape (2n+4,)."""
     truth: Array

@@ -22,7 +22,7 @@ _POINTS = 400  # of a path at most
 
 
 class Scene:
-    """What a map shows beside the robot.
+    """Content of a map beside the robot.
 
     Args:
       task: Robot and patches.

@@ -31,7 +31,7 @@ ERROR_SCALE, HEADING_SCALE = 0.1, 0.1
 
 
 class Outcome(NamedTuple):
-    """What one decision of each robot led to, arrays of shape (robots,)."""
+    """Outcome of one decision of each robot, arrays of shape (robots,)."""
 
     reward: Array
     terminated: NDArray[np.bool_]

@@ -22,7 +22,7 @@ from omnimj.wheels.wheel_xml import (
 )
 
 TOUCHED = ("floor", "everything")
-"""What rollers touch: the geom `floor`, pair by pair, or every geom whose conaffinity has bit 1."""
+"""Geoms that rollers touch: the geom `floor`, pair by pair, or every geom whose conaffinity has bit 1."""
 
 
 def robot_file(

@@ -77,7 +77,7 @@ class LogMapping:
     """Angle by which the measured pose is turned about its origin, counter-clockwise [rad]."""
     empty: str = EMPTY_RULES[0]
     topics: TopicChoice | None = None
-    """How the topics of recorded messages are joined."""
+    """Rules by which the topics of recorded messages are joined."""
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ class SourceColumn:
     words: str = ""
     """Description in another header line, or the type of its message; empty where there is none."""
     kind: str = ""
-    """What the column is, where its message says so: a column of omnimj, or a quantity of a joint."""
+    """Quantity where the message states it: a column of omnimj, or a quantity of a joint."""
     part: str = ""
     """The joint; empty elsewhere."""
 
@@ -57,17 +57,17 @@ class SourceTable:
     topics: tuple[TopicSummary, ...] = ()
     """Topics of recorded messages; empty for other logs."""
     choice: TopicChoice | None = None
-    """How the topics were joined; None for other logs."""
+    """Description of how the topics were joined; None for other logs."""
 
 
 @dataclass(frozen=True)
 class SourceHints:
-    """What is known of a log before it is read."""
+    """Knowledge of a log before it is read."""
 
     dialect: Dialect | None = None
     """Dialect of CSV files; the rest is found."""
     choice: TopicChoice | None = None
-    """How topics are joined."""
+    """Rules by which topics are joined."""
     columns: Collection[str] = ()
     """Columns that are needed, so that other topics can be skipped; empty: all."""
     topics: Collection[str] = ()

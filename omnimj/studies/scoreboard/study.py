@@ -103,7 +103,7 @@ class _Scoreboard:
         config = self.config
         find_sets(
             config.paths, None, config.out, config.known
-        )  # a wrong path is told before the folder is made
+        )  # a wrong path is reported before the folder is made
         StudyFolder(config.out, PLAN, "a scoreboard", _CONTENTS).claim(config.plan(), config.force)
         self._sets, self._missing = find_sets(
             config.paths, config.data, config.out / "unpacked", config.known

@@ -33,7 +33,7 @@ class Input:
 
 @dataclass(frozen=True)
 class MeasuredParts:
-    """What a dataset tells of a machine; joints in the order of the model."""
+    """Channels of a machine that a dataset holds; joints in the order of the model."""
 
     joints: tuple[str, ...]
     inputs: tuple[Input | None, ...]

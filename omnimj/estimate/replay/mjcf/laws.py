@@ -75,10 +75,10 @@ _TERMS = {
 
 @dataclass(frozen=True)
 class InputLaw:
-    """What happens to the measured input of a joint before it acts."""
+    """Change of the measured input of a joint before it acts."""
 
     reading: ChannelEffect
-    """How the log shows it."""
+    """Form in which the log shows it."""
     delay: float
     """By which the actuator answers late [s]."""
     lag: float

@@ -1,4 +1,4 @@
-"""What logs and structure of a machine let the search find: excited joints, effects that cannot show."""
+"""Scope of the search by logs and structure of a machine: excited joints, effects that cannot show."""
 
 from __future__ import annotations
 

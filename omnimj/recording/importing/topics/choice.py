@@ -12,7 +12,7 @@ STAMPS = ("header", "log")
 
 @dataclass(frozen=True)
 class TopicChoice:
-    """How messages become rows; `[topics]` of a mapping file."""
+    """Rules by which messages become rows; `[topics]` of a mapping file."""
 
     base: str | None = None
     """Topic whose stamps are the rows; chosen when None."""
@@ -34,4 +34,4 @@ class TopicSummary:
     stamps: str
     """Which stamps are used, and why not the others, in words."""
     joined: str
-    """How its values come to the rows, in words."""
+    """Description of how its values come to the rows."""

@@ -50,7 +50,7 @@ _QUATERNION = re.compile(r"^(.*(?:orientation|rotation))\.w$")
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of one field."""
+    """Description of one field."""
 
     unit: str = ""
     kind: str = ""

@@ -68,7 +68,7 @@ class _Topic:
 
 @dataclass(frozen=True)
 class _Content:
-    """What a file holds."""
+    """Content of a file."""
 
     path: Path
     kind: str
