@@ -34,7 +34,7 @@ class ProgressBar:
         self._on_terminal = self._stream.isatty()
         self._shown: tuple[int, str] | None = None
         self._phase, self._begin, self._tenth = "", clock(), 0
-        self._last_line = self._begin
+        self._last_line = self._begin  # time of the first call of `show`, then of the last line
 
     def __enter__(self) -> ProgressBar:
         return self
@@ -51,6 +51,8 @@ class ProgressBar:
         if (percent, phase) == self._shown:
             return
         now = self._clock()
+        if self._shown is None:  # what came before, such as compiling, is no part of this work
+            self._last_line = now
         if self._shown is None or phase != self._phase:
             self._phase, self._begin, self._tenth = phase, now, -1
         self._shown = (percent, phase)
