@@ -33,7 +33,9 @@ from omnimj.signals import Array
 _KEPT = 64  # rigid-body forces along the motion that are remembered
 _STIFF = 0.9999  # impedance of dry friction: a joint at rest does not creep
 _STEP = 0.002  # [s] shortest step of the windows
-_BENDING = 0.05  # [s] half width of the filter of deflections: below its resonance a spring follows slowly
+_WIDER = 5.0  # half width of the filter of deflections over that of the motion: two more derivatives
+_BENDING = 0.05  # [s] least half width of that filter: below its resonance a spring follows slowly
+_DEFLECTIONS = 2  # fixed-point steps of the deflection: its error falls by (rate / resonance)^2 in each
 _OFF = mujoco.mjtDisableBit
 
 
@@ -123,7 +125,7 @@ class Dynamics:
 
         rigid, readings = forces(position, speed, acceleration)
         bent = None
-        if laws.joints[:, COMPLIANCE].any():
+        for _ in range(_DEFLECTIONS if laws.joints[:, COMPLIANCE].any() else 0):
             bent = self._bent(rigid, laws.joints[:, COMPLIANCE])
             moved = (
                 part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
@@ -144,12 +146,15 @@ class Dynamics:
         return true
 
     def _bent(self, rigid: Array, compliance: Array) -> tuple[Array, Array, Array]:
-        """Deflection of each joint's spring under the force that it transmits, and its two derivatives."""
+        """Deflection of each joint's spring under the force that it transmits, and its two derivatives.
+
+        The filter is wide, since noise that grows with the compliance would bias its fitted value to 0.
+        """
         log = self._log
         found = np.zeros((3, *rigid.shape))
         for j in np.flatnonzero(compliance):
             for first, last, _, _ in log.stretches:
-                half = max(float(log.reach[j]), _BENDING)
+                half = max(_WIDER * float(log.reach[j]), _BENDING)
                 width = min(max(2 * round(half / log.period) + 1, 5), int(last - first) - 1 | 1)
                 for order in range(3):
                     found[order, first:last, j] = compliance[j] * savgol_filter(
