@@ -141,7 +141,14 @@ def row_whitening(fit: RobotFit, run: RunRows) -> Array:
 
 
 def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:
-    """Normal equations of one run at x; its biases are eliminated (Schur complement)."""
+    """Normal equations of one run at x; its biases are eliminated (Schur complement).
+
+    Args:
+      unknowns: The p unknowns.
+      x: Their deviations, shape (p,).
+      noise: Noise of a row's residuals, shape (3,).
+      run: Rows of the run.
+    """
     whiten, p = _whitening(unknowns, noise, run), len(x)
     table = np.empty((len(run.time), 3, p + 3))
     table[:, :, :p] = _jacobian(unknowns, x, run)

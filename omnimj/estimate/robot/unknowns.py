@@ -78,7 +78,7 @@ class Unknowns:
         return np.array([one.spread for one in self.each])
 
     def value(self, x: Array, name: str) -> float:
-        """Entry of a vector of deviations by name."""
+        """Entry of a vector of deviations, shape (p,), by name."""
         return float(x[self.names.index(name)])
 
     def wheels(self, x: Array, name: str) -> Array:
@@ -125,7 +125,7 @@ class Unknowns:
         return x[first : first + len(self.nominal.axle)]
 
     def errors(self, x: Array) -> SensorErrors:
-        """Errors of the sensors for a vector of deviations."""
+        """Errors of the sensors for a vector of deviations, shape (p,)."""
         return SensorErrors(
             self._own(x, "current_offset"),
             self.value(x, "current_per_yaw_rate"),

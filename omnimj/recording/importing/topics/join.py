@@ -111,7 +111,15 @@ class Track:
 
 
 def make_times(samples: Samples, use: str) -> tuple[Times, NDArray[np.int64] | slice]:
-    """Times of samples, strictly increasing, and the rows they belong to; of equal times the last counts."""
+    """Strictly increasing times of samples, and the rows that they belong to; of equal times the last counts.
+
+    Args:
+      samples: The samples.
+      use: `header` for the stamps of the headers, else the times of logging.
+
+    Returns:
+      Times, shape (m,) [ns], and their rows among the samples, shape (m,).
+    """
     times = samples.stamps if use == "header" else samples.logged
     rows = _order(times)
     ordered = times[rows]
