@@ -1,7 +1,7 @@
 """Unknowns of a robot: their names, their priors from its model file, and the constants they lead to.
 
 Torque constants, dry and viscous losses are a common part and a deviation of each wheel from it, both with
-priors: wheels that the data cannot tell apart keep a common value. A force balance holds for any multiple
+priors: wheels that the data cannot distinguish keep a common value. A force balance holds for any multiple
 of all forces and masses together, so data determine ratios to the torque constant, and its absolute size
 comes from the prior: it is the model file's, within its `uncertainty`, while the mass may be that of any
 usual payload. The inertia of the wheels is scaled along.

@@ -31,7 +31,7 @@ class Clock:
 
 
 def header_problem(samples: Samples) -> str:
-    """Say why header stamps cannot be used; empty if they can."""
+    """Reason why header stamps cannot be used; empty if they can."""
     stamps = samples.stamps[_order(samples.logged)]
     missing = int(np.count_nonzero(stamps == NO_STAMP))
     if missing == len(stamps):
@@ -67,7 +67,7 @@ def choose_clocks(
       forced: `header` or `log`, chosen by the user.
 
     Raises:
-      InputError: Header stamps are wanted and those of the base cannot be used.
+      InputError: Header stamps are requested and those of the base cannot be used.
     """
     problems = {name: _first_problem(samples) for name, samples in topics.items()}
     if forced == "header" and problems[base]:
