@@ -55,7 +55,7 @@ class Command:
 
 
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every command on what it says while it works."""
+    """Add the options of every command on its messages."""
     group = parser.add_argument_group("messages")
     amount = group.add_mutually_exclusive_group()
     amount.add_argument("-q", "--quiet", action="store_true", help="no progress, only results and errors")

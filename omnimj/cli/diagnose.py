@@ -203,8 +203,8 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
                         out, arguments.force, (*DIAGNOSE_FILES, *(f"{run.name}.parquet" for run in runs))
                     )
                 about = {"dataset": str(order.dataset.path), "run": one.name, "method": order.method}
-                said = [dataclasses.asdict(d) for d in one.diagnoses]
-                trace = Trace(one.trace.columns, {**about, "diagnoses": said})
+                diagnoses = [dataclasses.asdict(d) for d in one.diagnoses]
+                trace = Trace(one.trace.columns, {**about, "diagnoses": diagnoses})
                 write_trace(out / f"{one.name}.parquet", trace)
                 bins = bins_for(len(runs)) if len(found) < MOST_FIGURES else 0
                 section = run_section(one, order.method, names, bins)

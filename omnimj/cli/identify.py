@@ -165,7 +165,7 @@ def _format_floor(floor: IdentifiedFloor) -> list[str]:
     lines.append(format_table(("parameter", "value", "90 % interval"), rows))
     if low == low:
         lines.append(f"curve F/F_N over {1000 * low:.3g} … {1000 * high:.3g} mm/s of slip")
-    lines += [f"- {said}" for said in floor.undetermined]
+    lines += [f"- {sentence}" for sentence in floor.undetermined]
     if floor.left_out:
         lines.append(f"- not fitted, since they show no slip: {', '.join(floor.left_out)}")
     return lines

@@ -217,7 +217,7 @@ def _run(given: list[str]) -> int:
 
 
 def _kept(arguments: argparse.Namespace) -> str:
-    """Say what an interrupted command leaves behind, and how to go on."""
+    """Print what an interrupted command leaves behind, and how to go on."""
     out = getattr(arguments, "out", None)
     if arguments.resumes:
         return "what was finished is kept, and the same command continues"

@@ -114,9 +114,9 @@ def format_drives(found: DriveValidation, out: Path) -> str:
       found: The validation.
       out: Folder of its files.
     """
-    said = found.notes if len(found.notes) <= _MOST_NOTES else (_many(len(found.notes)),)
+    notes = found.notes if len(found.notes) <= _MOST_NOTES else (_many(len(found.notes)),)
     table = format_table(_HEAD, [_row(group) for group in found.groups])
-    lines = [*said, *found.marker_notes, "", table, "", _LEGEND]
+    lines = [*notes, *found.marker_notes, "", table, "", _LEGEND]
     if found.effects:
         lines.append(f"effects of the model: {', '.join(found.effects)}")
     if found.interrupted:
