@@ -20,7 +20,7 @@ _KINDS = ("omni", "mecanum")
 def _add_wheel(parser: argparse.ArgumentParser, mass_option: str) -> None:
     length = positive_number(20.0)
     parser.add_argument("--radius", metavar="M", type=length, default=0.05, help="radius in m (default 0.05)")
-    words = "rollers in a row (default 9, mecanum 18)"
+    words = "rollers in a row (default 9, mecanum 20)"
     parser.add_argument("--rollers", metavar="N", type=whole_number(1, 1000), help=words)
     words = "rows of rollers of an omni wheel (default 2)"
     parser.add_argument("--rows", metavar="N", type=whole_number(1, 1000), help=words)

@@ -50,9 +50,9 @@ def read_model_tree(path: Path) -> dict[str, Any]:
     tree = _parse(path, element.get("data") or element.text or "")  # MuJoCo itself writes a text
     if _NO_TWIN in tree:
         raise InputError(path, "is a robot without a twin", str(tree[_NO_TWIN]))
-    for name, found, told in _told_twice(root, tree):
-        if not math.isclose(found, told, rel_tol=_TOLERANCE, abs_tol=1e-7):
-            raise InputError(f"{path}: {name}", f"is {found:g}, its {_TEXT} says {told:g}", _EDITED)
+    for name, found, stated in _stated_twice(root, tree):
+        if not math.isclose(found, stated, rel_tol=_TOLERANCE, abs_tol=1e-7):
+            raise InputError(f"{path}: {name}", f"is {found:g}, its {_TEXT} says {stated:g}", _EDITED)
     return tree
 
 
@@ -81,7 +81,7 @@ def _refuse(name: str) -> float:
     raise ValueError(f"{name} is not finite")
 
 
-def _told_twice(root: ET.Element, tree: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
+def _stated_twice(root: ET.Element, tree: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
     """Numbers that MJCF and tables both state: name, MJCF's, the tables'; what is malformed is left out."""
     bodies = {body.get("name", ""): body for body in root.iter("body")}
     mounts = tree.get("wheels")
@@ -106,8 +106,8 @@ def _told_twice(root: ET.Element, tree: Mapping[str, Any]) -> Iterator[tuple[str
             yield "wheel_1_roller: distance from the axle", math.hypot(place[0], place[2]), around - radius
 
 
-def _numbers(name: str, found: list[float], told: Any) -> Iterator[tuple[str, float, float]]:
-    for number, other in zip(found, told if isinstance(told, list) else (), strict=False):
+def _numbers(name: str, found: list[float], stated: Any) -> Iterator[tuple[str, float, float]]:
+    for number, other in zip(found, stated if isinstance(stated, list) else (), strict=False):
         if isinstance(other, int | float):
             yield name, number, float(other)
 

@@ -8,6 +8,7 @@ import tomllib
 from xml.sax.saxutils import quoteattr
 
 from omnimj.errors import InputError
+from omnimj.wheels.ring import OMNI
 from omnimj.wheels.robot import WheeledRobot
 
 _ROLLERS = 18  # of the twin's wheel, in two rows
@@ -79,9 +80,13 @@ def twin_text(robot: WheeledRobot) -> str:
 
 
 def _no_twin(robot: WheeledRobot) -> tuple[str, ...]:
-    """What of a robot the twin has not, and what it has; empty where it has all."""
+    """What of a robot the twin has not, and what it has; empty where it has all.
+
+    The twin's mecanum wheel has the radius and the angle of any other, and its own number of rollers, which
+    shows in the ripple of the hub alone.
+    """
     wheel = robot.wheel
-    if wheel.count == _ROLLERS and wheel.rows <= 2:
+    if wheel.roller_angle != OMNI or (wheel.count == _ROLLERS and wheel.rows <= 2):
         return ()
     found = f"{wheel.count} rollers in {wheel.rows} rows"
     return f"has {found}", "the twin's wheel has 18, in two rows of nine"

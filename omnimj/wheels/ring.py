@@ -37,8 +37,9 @@ class RollerRing:
 
     @property
     def mounted_angle(self) -> float:
-        """Angle γ_m between roller axis and axle as built [rad]: cot γ_m = cot γ · 2 cos θ/(1 + cos θ), θ = π/N.
+        """Angle γ_m between roller axis and axle as built [rad].
 
+        cot γ_m = cot γ · 2 cos θ/(1 + cos θ) with θ = π/N.
         Between hand-overs a roller tilts by up to θ, and its angle as seen from above shrinks with it; built
         like this, the angles seen lie around γ, see `outline.middle_projection`.
         """

@@ -71,14 +71,14 @@ def test_a_free_rolling_robot_has_the_speed_of_its_kinematics_in_24_directions(l
 
 
 # where a roller is lowest, where one hands over to the next, and between
-@pytest.mark.parametrize("turn", [0.0, 5.0, 9.9])
+@pytest.mark.parametrize("turn", [0.0, 5.0, 8.9])
 @pytest.mark.parametrize("k", [3, 9])
 def test_a_mecanum_robot_keeps_its_direction_whatever_the_angle_of_its_standing_wheels(k, turn):
     check_direction("mecanum4", 2.0 * math.pi * k / 24, seed=k, standing=math.radians(turn))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn", [-9.9, -7.0, -3.0, 0.0, 3.0, 7.0, 9.9])
+@pytest.mark.parametrize("turn", [-8.9, -6.0, -3.0, 0.0, 3.0, 6.0, 8.9])
 @pytest.mark.parametrize("k", range(24))
 def test_a_mecanum_robot_keeps_its_direction_from_any_angle_of_its_wheels(k, turn):
     check_direction("mecanum4", 2.0 * math.pi * k / 24, seed=200 + k, standing=math.radians(turn))
@@ -138,7 +138,7 @@ def test_more_rollers_ripple_less():
 
 
 def test_rollers_mounted_at_45_degrees_drive_sideways_slower_than_those_of_the_files():
-    """On 9 rollers by 3 %: the middle of the cotangents that a turn shows is above 1 without the files' angle."""
+    """On 9 rollers by 3 %: without the files' angle all cotangents that a turn shows are above 1."""
     tilt = math.pi / 9
     lost = 2.0 * math.cos(tilt) / (1.0 + math.cos(tilt))
     speeds = []

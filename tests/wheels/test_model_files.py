@@ -38,8 +38,17 @@ def test_the_twin_of_a_model_file_has_the_robot_s_mass(layout, tmp_path):
 def test_wheels_that_the_twin_has_not_are_refused(wheel):
     with pytest.raises(InputError, match=r"rows; the twin's wheel has 18, in two rows of nine"):
         model_text(wheeled_robot("omni4", wheel))
-    with pytest.raises(InputError, match="has 16 rollers"):
-        model_text(wheeled_robot("mecanum4", mecanum_wheel(rollers=16)))
+
+
+@pytest.mark.parametrize("rollers", [16, 18, 20])
+def test_the_twin_takes_a_mecanum_wheel_with_any_number_of_rollers(rollers, tmp_path):
+    path, wheel = tmp_path / "robot.toml", mecanum_wheel(rollers=rollers, roller_radius=0.0045)
+    made = wheeled_robot("mecanum4", wheel)
+    path.write_text(model_text(made), encoding="utf-8")
+    robot = read_robot(path)
+    rolling = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
+    assert rolling / robot.wheel.radius == pytest.approx(made.kinematics, abs=1e-9)
+    assert robot.wheel.roller_radius == 0.0045
 
 
 @pytest.mark.parametrize("layout", ["omni4", "mecanum4"])
