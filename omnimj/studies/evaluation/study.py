@@ -103,7 +103,8 @@ class EvaluationResult(Displayed, Tabular):
     def table_columns(self) -> Mapping[str, Sequence[Any]]:
         """Fields of `CaseScore` by name, a row per case."""
         names = [field.name for field in dataclasses.fields(CaseScore)]
-        return {name: [getattr(score, name) for score in self.scores] for name in names}
+        cases = [dataclasses.asdict(score) for score in self.scores]
+        return {name: [case[name] for case in cases] for name in names}
 
 
 def run_evaluation(
