@@ -13,10 +13,11 @@ from omnimj.control.detection.robust.force_balance import (
     SLOW,
     balance,
     columns,
+    gear_column,
+    instructive_gear,
     lasting,
     mass_column,
     roller_speeds,
-    wheels_of,
     whiten,
 )
 from omnimj.control.detection.robust.glr import (
@@ -211,22 +212,27 @@ def compare_yaw_rates(x, parameters, block, yaw):
 
 
 @inlined
-def _push_block(evidence, walk, noise, x, rho, learning):
+def _push_block(evidence, walk, noise, row, learning):
     """Push a whitened block into the history; θ and the usual level learn from the one that drops out."""
-    theta, ring, cursor = evidence.theta, evidence.history.ring, evidence.history.cursor
-    p, rows = theta.size, ring.shape[0]
+    ring, cursor = evidence.history.ring, evidence.history.cursor
+    rows = ring.shape[0]
     if cursor[FILLED] == rows and learning:
         last = (cursor[HEAD] + 1) % rows
-        old = ring[last]
         update_usual_level(evidence.usual, evidence.history.largest[last])
-        regressors = old[: 3 * p].copy().reshape(3, p)
-        update_parameters(
-            theta, evidence.cov, walk, lasting(wheels_of(theta.size)), noise, regressors, old[3 * p :]
-        )
+        _learn(evidence, walk, noise, ring[last])
     cursor[HEAD] = (cursor[HEAD] + 1) % rows
     cursor[FILLED] = min(cursor[FILLED] + 1, rows)
-    ring[cursor[HEAD], : 3 * p] = x.copy().reshape(3 * p)
-    ring[cursor[HEAD], 3 * p :] = rho
+    ring[cursor[HEAD]] = row
+
+
+@kernel
+def _learn(evidence, walk, noise, row):
+    """Take a row of the history into θ, in place."""
+    p, n = evidence.theta.size, evidence.force.size
+    regressors = row[: 3 * p].copy().reshape(3, p)
+    regressors[:, gear_column(n)] = row[3 * (p + 1) :]
+    rho = row[3 * p : 3 * (p + 1)]
+    update_parameters(evidence.theta, evidence.cov, walk, lasting(n), noise, regressors, rho)
 
 
 @kernel
@@ -277,9 +283,11 @@ def _update_force_channel(parameters, block, accommodation, evidence):
     if accommodation.degraded.any():
         model = with_degraded_motors(model, accommodation.degraded, block.duration)
     n = block.wheel_speed.size
-    x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
+    p, row, sideways = theta.size, np.empty(3 * (theta.size + 2)), np.empty(n)
+    x, rho = np.zeros((3, p + 1)), row[3 * p : 3 * (p + 1)]
     roller_speeds(robot, block, evidence.velocity[n, :2], sideways)
-    balance(robot, block, theta, accommodation, sideways, x, rho, evidence.force)
+    balance(robot, block, theta, accommodation, sideways, x[:, :p], rho, evidence.force)
+    instructive_gear(robot, block, theta, accommodation, x[:, p])
     evidence.residual[:] = rho
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
@@ -287,10 +295,11 @@ def _update_force_channel(parameters, block, accommodation, evidence):
         # what is left of a weak motor must be followed, ripple or not
         noise = 1.0 if accommodation.degraded.any() else coloured_variance(evidence.usual)
         whiten(robot, theta, block.current, slowest, slowest_sideways, accommodation, x, rho)
+        row[: 3 * p], row[3 * (p + 1) :] = x[:, :p].copy().reshape(3 * p), x[:, p]
         if accommodation.relearning:
-            update_parameters(theta, cov, model.walk, lasting(n), noise, x, rho)
+            _learn(evidence, model.walk, noise, row)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
-        _push_block(evidence, model.walk, noise, x, rho, quiet and not accommodation.relearning)
+        _push_block(evidence, model.walk, noise, row, quiet and not accommodation.relearning)
         precision = np.linalg.inv(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()

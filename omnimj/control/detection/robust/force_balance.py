@@ -36,6 +36,8 @@ _TURNING = 0.3  # [rad/s] width of the sign of a wheel's dry friction
 _SIDEWAYS = 0.01  # [m/s] width of the sign of its rollers' dry friction
 VISCOUS_AT = 100.0
 """Wheel speed at which κ is the excess of viscous friction over the nominal dry friction [rad/s]."""
+LEARNT_FROM, LEARNT_FULLY = 1.0, 2.0
+"""Traction before the gear from which γ is learnt, and from which it is learnt fully [N]."""
 _COMMON = 9  # entries of θ that all wheels share: β, λ, μ, ι, γ, κ, c
 
 
@@ -179,6 +181,31 @@ def balance(robot, block, theta, accommodation, sideways, x, rho, force):
 
 
 @kernel
+def instructive_gear(robot, block, theta, accommodation, column):
+    """Fill the column of γ from which it is learnt: only wheels that the floor surely drives.
+
+    Near zero the shaft's force is its own error, of cogging, of the current's noise, of a friction that is
+    not learnt yet. Both sides of the balance contain it, so that it would pull γ towards −1 wherever a robot
+    coasts (regression dilution), until the first hard braking contradicts.
+
+    Args:
+      robot: `RobotConstants`.
+      block: `Block`.
+      theta: θ as learnt, shape (p,).
+      accommodation: `Accommodation`.
+      column: Output, shape (3,) [N, N, N.m].
+    """
+    column[:] = 0.0
+    for i in range(accommodation.degraded.size):
+        shaft, learnt = shaft_force(robot, block, theta, accommodation.losses, i)
+        if accommodation.degraded[i] or learnt * block.wheel_speed[i] >= 0.0:
+            continue
+        weight = (abs(learnt) - LEARNT_FROM) / (LEARNT_FULLY - LEARNT_FROM)
+        for k in range(3):
+            column[k] -= min(max(weight, 0.0), 1.0) * robot.forces[k, i] * robot.driven[i] * shaft
+
+
+@kernel
 def _subtract_centre(robot, block, x, rho, column):
     """Inertial forces of a centre of mass beside the origin, where the accelerometer is, in ρ and in X.
 
@@ -220,7 +247,7 @@ def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
       slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
       sideways: Smallest roller speed of the last tenth of a second, shape (n,) [m/s].
       accommodation: `Accommodation`.
-      x: X, shape (3, p), changed in place.
+      x: X, shape (3, p) or with further columns, changed in place.
       rho: ρ, shape (3,), changed in place.
     """
     cov = np.zeros((3, 3))
