@@ -41,7 +41,7 @@ class BlockHistory(NamedTuple):
     """Whitened blocks of the last second."""
 
     ring: Array
-    """Rows of [X (3 p) | ρ (3) | column of γ from which it is learnt (3)], shape (LONGEST_WINDOW, 3 (p + 2))."""
+    """Rows of [X (3 p) | ρ (3) | column of γ to learn from (3)], shape (LONGEST_WINDOW, 3 (p + 2))."""
     cursor: Array
     """Number of blocks in the ring and row of the newest one, shape (2,), integers."""
     largest: Array
