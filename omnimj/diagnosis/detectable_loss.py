@@ -108,7 +108,7 @@ class LossInformation:
         out[3] = 1.0 - theta[:n] - body
         rows = ring[(cursor[HEAD] - np.arange(filled)) % LONGEST_WINDOW]
         x = rows[:, : 3 * p].reshape(-1, p)
-        r = rows[:, 3 * p :].reshape(-1) - x @ theta
+        r = rows[:, 3 * p : 3 * (p + 1)].reshape(-1) - x @ theta
         precision = np.linalg.inv(state.evidence.cov + np.diag(self._short_term))
         inverse = np.linalg.inv(precision + x.T @ x)
         free = inverse @ (x.T @ r)

@@ -238,18 +238,21 @@ def count_repeats(steps, values, follows):
 def failed_channels(steps, wheel_speed, failed):
     """Mark the channels that are frozen while the robot drives, or too noisy.
 
-    A wheel at rest may repeat its speed.
+    A wheel at rest may repeat its speed. Where most wheels are rough at the same time, the robot shakes.
 
     Args:
       steps: Of `Samples`, shape (3, 2n+3).
       wheel_speed: Shape (n,) [rad/s].
       failed: Output, mask of the channels, shape (2n+3,).
     """
-    n, fastest = wheel_speed.size, np.abs(wheel_speed).max()
+    n, fastest, shaking = wheel_speed.size, np.abs(wheel_speed).max(), 0
+    for k in range(n, 2 * n):
+        shaking += 1 if steps[2, k] > 0.25 * roughness(k, n) ** 2 else 0
     for k in range(failed.size):
         rests = n <= k < 2 * n and abs(wheel_speed[k - n]) <= 0.5
         frozen = steps[1, k] >= REPEATED and fastest >= 1.0 and not rests
-        failed[k] = frozen or steps[2, k] > roughness(k, n) ** 2
+        shakes = n <= k < 2 * n and 2 * shaking > n
+        failed[k] = frozen or (steps[2, k] > roughness(k, n) ** 2 and not shakes)
 
 
 @kernel

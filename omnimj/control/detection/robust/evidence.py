@@ -13,10 +13,12 @@ from omnimj.control.detection.robust.force_balance import (
     SLOW,
     balance,
     columns,
+    gear_column,
+    instructive_gear,
     lasting,
+    least_gear_share,
     mass_column,
     roller_speeds,
-    wheels_of,
     whiten,
 )
 from omnimj.control.detection.robust.glr import (
@@ -211,22 +213,35 @@ def compare_yaw_rates(x, parameters, block, yaw):
 
 
 @inlined
-def _push_block(evidence, walk, noise, x, rho, learning):
+def _push_block(robot, evidence, walk, noise, row, learning):
     """Push a whitened block into the history; θ and the usual level learn from the one that drops out."""
-    theta, ring, cursor = evidence.theta, evidence.history.ring, evidence.history.cursor
-    p, rows = theta.size, ring.shape[0]
+    ring, cursor = evidence.history.ring, evidence.history.cursor
+    rows = ring.shape[0]
     if cursor[FILLED] == rows and learning:
         last = (cursor[HEAD] + 1) % rows
-        old = ring[last]
         update_usual_level(evidence.usual, evidence.history.largest[last])
-        regressors = old[: 3 * p].copy().reshape(3, p)
-        update_parameters(
-            theta, evidence.cov, walk, lasting(wheels_of(theta.size)), noise, regressors, old[3 * p :]
-        )
+        _learn(robot, evidence, walk, noise, ring[last])
     cursor[HEAD] = (cursor[HEAD] + 1) % rows
     cursor[FILLED] = min(cursor[FILLED] + 1, rows)
-    ring[cursor[HEAD], : 3 * p] = x.copy().reshape(3 * p)
-    ring[cursor[HEAD], 3 * p :] = rho
+    ring[cursor[HEAD]] = row
+
+
+@kernel
+def _learn(robot, evidence, walk, noise, row):
+    """Take a row of the history into θ, in place; a γ that no gear has is projected to the nearest one.
+
+    The other parameters follow by their correlation (D. Simon and T. Chia, Kalman filtering with state
+    equality constraints, IEEE Trans. AES 38, 2002).
+    """
+    p, n = evidence.theta.size, evidence.force.size
+    regressors = row[: 3 * p].copy().reshape(3, p)
+    regressors[:, gear_column(n)] = row[3 * (p + 1) :]
+    rho = row[3 * p : 3 * (p + 1)]
+    update_parameters(evidence.theta, evidence.cov, walk, lasting(n), noise, regressors, rho)
+    beyond = least_gear_share(robot) - evidence.theta[gear_column(n)]
+    if beyond > 0.0:
+        g = gear_column(n)
+        evidence.theta[:] += evidence.cov[:, g] * (beyond / evidence.cov[g, g])
 
 
 @kernel
@@ -271,26 +286,34 @@ def _release_bias_on_slope(robot, included, monitors, velocity_cov):
 
 
 @inlined
-def _update_force_channel(parameters, block, accommodation, evidence):
-    """Force channel of `update_evidence`; whether the robot moves enough to be judged."""
+def _update_force_channel(parameters, block, accommodation, evidence, swing):
+    """Force channel of `update_evidence`; whether the robot moves enough to be judged.
+
+    `swing`, shape (n,) [N], is filled with the change of F̂ since the block before.
+    """
     robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
     if accommodation.degraded.any():
         model = with_degraded_motors(model, accommodation.degraded, block.duration)
     n = block.wheel_speed.size
-    x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
+    p, row, sideways = theta.size, np.empty(3 * (theta.size + 2)), np.empty(n)
+    x, rho = np.zeros((3, p + 1)), row[3 * p : 3 * (p + 1)]
     roller_speeds(robot, block, evidence.velocity[n, :2], sideways)
-    balance(robot, block, theta, accommodation, sideways, x, rho, evidence.force)
+    swing[:] = evidence.force
+    balance(robot, block, theta, accommodation, sideways, x[:, :p], rho, evidence.force)
+    instructive_gear(robot, block, theta, accommodation, x[:, p])
+    swing[:] = np.abs(evidence.force - swing)
     evidence.residual[:] = rho
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
         # what is left of a weak motor must be followed, ripple or not
         noise = 1.0 if accommodation.degraded.any() else coloured_variance(evidence.usual)
-        whiten(robot, theta, block.current, slowest, slowest_sideways, accommodation, x, rho)
+        whiten(robot, theta, block.current, slowest, slowest_sideways, swing, accommodation, x, rho)
+        row[: 3 * p], row[3 * (p + 1) :] = x[:, :p].copy().reshape(3 * p), x[:, p]
         if accommodation.relearning:
-            update_parameters(theta, cov, model.walk, lasting(n), noise, x, rho)
+            _learn(robot, evidence, model.walk, noise, row)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
-        _push_block(evidence, model.walk, noise, x, rho, quiet and not accommodation.relearning)
+        _push_block(robot, evidence, model.walk, noise, row, quiet and not accommodation.relearning)
         precision = np.linalg.inv(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
@@ -299,7 +322,7 @@ def _update_force_channel(parameters, block, accommodation, evidence):
 
 
 @inlined
-def _update_slip_channel(parameters, block, accommodation, evidence, moving):
+def _update_slip_channel(parameters, block, accommodation, evidence, swing, moving):
     """Slip channel of `update_evidence`."""
     robot, included, monitors = parameters.robot, accommodation.included, evidence.monitors
     n, velocity, velocity_cov = included.size, evidence.velocity, evidence.velocity_cov
@@ -312,7 +335,7 @@ def _update_slip_channel(parameters, block, accommodation, evidence, moving):
     for i in range(n):
         learns = accommodation.relearning and accommodation.degraded[i]
         unknown[i] = robot.floor.stated and (learns or evidence.recent[:, i].min() < SLOW)
-    traction = Traction(load, evidence.force, creep, moving, unknown)
+    traction = Traction(load, evidence.force, swing, creep, moving, unknown)
     for i in range(n):
         update_wheel_monitors(
             parameters, block, included, traction, velocity[i], velocity_cov[i], monitors, i
@@ -404,7 +427,8 @@ def update_evidence(parameters, block, accommodation, evidence, yaw):
     Returns:
       Whether the robot moves enough to be judged.
     """
-    moving = _update_force_channel(parameters, block, accommodation, evidence)
-    _update_slip_channel(parameters, block, accommodation, evidence, moving)
+    swing = np.empty(block.wheel_speed.size)
+    moving = _update_force_channel(parameters, block, accommodation, evidence, swing)
+    _update_slip_channel(parameters, block, accommodation, evidence, swing, moving)
     compare_yaw_rates(evidence.yaw[0], parameters, block, yaw)
     return moving

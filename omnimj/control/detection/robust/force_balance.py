@@ -36,6 +36,10 @@ _TURNING = 0.3  # [rad/s] width of the sign of a wheel's dry friction
 _SIDEWAYS = 0.01  # [m/s] width of the sign of its rollers' dry friction
 VISCOUS_AT = 100.0
 """Wheel speed at which κ is the excess of viscous friction over the nominal dry friction [rad/s]."""
+LEARNT_FROM, LEARNT_FULLY = 1.0, 2.0
+"""Traction before the gear from which γ is learnt, and from which it is learnt fully [N]."""
+TIMING = 0.3
+"""Uncertainty of the channels' relative times as a share of a block: 3 ms, as sensors and filters differ."""
 _COMMON = 9  # entries of θ that all wheels share: β, λ, μ, ι, γ, κ, c
 
 
@@ -179,6 +183,43 @@ def balance(robot, block, theta, accommodation, sideways, x, rho, force):
 
 
 @kernel
+def instructive_gear(robot, block, theta, accommodation, column):
+    """Fill the column of γ from which it is learnt: only wheels that the floor surely drives.
+
+    Near zero the shaft's force is its own error, of cogging, of the current's noise, of a friction that is
+    not learnt yet. Both sides of the balance contain it, so that it would pull γ towards −1 wherever a robot
+    coasts (regression dilution), until the first hard braking contradicts.
+
+    Args:
+      robot: `RobotConstants`.
+      block: `Block`.
+      theta: θ as learnt, shape (p,).
+      accommodation: `Accommodation`.
+      column: Output, shape (3,) [N, N, N.m].
+    """
+    column[:] = 0.0
+    for i in range(accommodation.degraded.size):
+        shaft, learnt = shaft_force(robot, block, theta, accommodation.losses, i)
+        if accommodation.degraded[i] or learnt * block.wheel_speed[i] >= 0.0:
+            continue
+        weight = (abs(learnt) - LEARNT_FROM) / (LEARNT_FULLY - LEARNT_FROM)
+        for k in range(3):
+            column[k] -= min(max(weight, 0.0), 1.0) * robot.forces[k, i] * robot.driven[i] * shaft
+
+
+@kernel
+def least_gear_share(robot):
+    """Smallest γ: no gear gives a wheel that the floor drives less resistance than its motor's own torque.
+
+    1/(E E_b) ≥ 1, since a gear that multiplies by E in both directions, E_b = 1/E, is the most efficient one.
+
+    Args:
+      robot: `RobotConstants`.
+    """
+    return 1.0 / robot.driven.min() - 1.0
+
+
+@kernel
 def _subtract_centre(robot, block, x, rho, column):
     """Inertial forces of a centre of mass beside the origin, where the accelerometer is, in ρ and in X.
 
@@ -200,7 +241,7 @@ def _subtract_centre(robot, block, x, rho, column):
 
 
 @kernel
-def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
+def whiten(robot, theta, current, slowest, sideways, swing, accommodation, x, rho):
     """Scale the rows of X and ρ, in place, so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did within the last tenth of a second, holds any friction between ± dry, and
@@ -213,14 +254,18 @@ def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
 
     A wheel that slips on a stated floor may stand on another one, whose drag is not known.
 
+    A force that changes from block to block is known as of a time only that is uncertain by `TIMING`; where a
+    loop oscillates, the gear's share, which differs between both directions, is not even that of the mean.
+
     Args:
       robot: `RobotConstants`.
       theta: θ as learnt, shape (p,).
       current: Mean over the block, shape (n,) [A].
       slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
       sideways: Smallest roller speed of the last tenth of a second, shape (n,) [m/s].
+      swing: Change of F̂ since the block before, shape (n,) [N].
       accommodation: `Accommodation`.
-      x: X, shape (3, p), changed in place.
+      x: X, shape (3, p) or with further columns, changed in place.
       rho: ρ, shape (3,), changed in place.
     """
     cov = np.zeros((3, 3))
@@ -245,6 +290,7 @@ def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
                     cov[k, j] += along * robot.forces[j, i] * _UNKNOWN
                 elif slow:
                     cov[k, j] += along * robot.forces[j, i] * (dry * dry + lacks * lacks)
+                cov[k, j] += along * robot.forces[j, i] * (TIMING * swing[i]) ** 2
                 if sideways[i] < SLOW_SIDEWAYS:
                     cov[k, j] += across * robot.across[i, j] * rollers * rollers
                 if elsewhere:

@@ -41,7 +41,7 @@ class BlockHistory(NamedTuple):
     """Whitened blocks of the last second."""
 
     ring: Array
-    """Rows of [X (3 p) | ρ (3)], shape (LONGEST_WINDOW, 3 (p + 1))."""
+    """Rows of [X (3 p) | ρ (3) | column of γ to learn from (3)], shape (LONGEST_WINDOW, 3 (p + 2))."""
     cursor: Array
     """Number of blocks in the ring and row of the newest one, shape (2,), integers."""
     largest: Array
@@ -85,7 +85,7 @@ class _WindowSums(NamedTuple):
 def initial_history(columns: int) -> BlockHistory:
     """Empty history for θ of length p."""
     return BlockHistory(
-        np.zeros((LONGEST_WINDOW, 3 * (columns + 1))), np.array([0, -1]), np.zeros(LONGEST_WINDOW)
+        np.zeros((LONGEST_WINDOW, 3 * (columns + 2))), np.array([0, -1]), np.zeros(LONGEST_WINDOW)
     )
 
 

@@ -14,7 +14,7 @@ from omnimj.signals import Array
 
 LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.02, 0.13, 0.02, 0.15, 0.12, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
-GEAR, VISCOUS, CENTRE = 0.3, 1.0, 0.01
+GEAR, VISCOUS, CENTRE = 0.4, 1.0, 0.01
 """The same: γ, κ, c [m]."""
 STICTION = 0.6
 """Standard deviation of h and k: anything between −1 and 1."""

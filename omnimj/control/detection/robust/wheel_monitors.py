@@ -113,6 +113,8 @@ class Traction(NamedTuple):
     """Mean normal force of a wheel, F_N [N]."""
     force: Array
     """F̂, shape (n,) [N]."""
+    swing: Array
+    """Change of F̂ since the block before, shape (n,) [N]."""
     creep: Array
     """Expected creep and its uncertainty, shape (n, 2) [m/s]."""
     moving: bool
@@ -402,6 +404,8 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
     if _is_dead_reckoning(robot, included, i):
         deviation *= _DRIFTS
     load = traction.load
+    # where a loop oscillates from block to block, the creep is that of a force between both
+    deviation = math.hypot(deviation, 0.5 * traction.swing[i] / (CREEP_SLOPE * load))
     if robot.floor.stated:
         load = effective_load(robot.floor, i, load / robot.load)
         deviation = math.hypot(deviation, _creep_doubt(robot, included, traction.creep, i))
