@@ -114,6 +114,7 @@ class Dynamics:
         model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
         model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
         mj_data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, mj_data)  # the inertia of a joint that meets no other is a constant
         simulation = _arrays(model, mj_data)
 
         def forces(q: Array, v: Array, a: Array) -> tuple[Array, Array]:
