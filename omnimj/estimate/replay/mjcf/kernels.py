@@ -106,8 +106,10 @@ def _drive_force(law, command, position, speed):
 
 
 @kernel
-def missing_forces(laws, curve, times, position, speed, acceleration, rigid, commands, enabled, missing):
-    """Force that each joint's balance lacks along the measured motion.
+def missing_forces(
+    laws, curve, times, position, speed, acceleration, rigid, commands, enabled, missing, friction
+):
+    """Force that each joint's balance lacks along the measured motion, and the dry friction apart.
 
     Args:
       laws: Laws of the joints, shape (j, LAW).
@@ -119,7 +121,8 @@ def missing_forces(laws, curve, times, position, speed, acceleration, rigid, com
       rigid: Rigid-body forces, without armature, springs and friction, shape (n, j).
       commands: Effective inputs of the actuators, shape (n, j).
       enabled: Whether the actuators are on, shape (n, j).
-      missing: Filled with needed − produced force, shape (n, j) [N or N.m].
+      missing: Filled with needed − produced force without dry friction, shape (n, j) [N or N.m].
+      friction: Filled with the dry friction, shape (n, j) [N or N.m].
     """
     for k in range(len(times)):
         for j in range(len(laws)):
@@ -130,13 +133,15 @@ def missing_forces(laws, curve, times, position, speed, acceleration, rigid, com
             needed -= law[OFFSET] + _curve_force(curve, j, q, v, times[k])
             produced = _drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
             forward, backward = _dry_friction(law, q, v, rigid[k, j])
-            share = min(max(v / law[REST_SPEED], -1.0), 1.0)  # 0 at rest, ±1 in motion
+            share = min(max(2.0 * abs(v) / law[REST_SPEED] - 1.0, 0.0), 1.0)  # 0 at rest, 1 in motion
+            share = share if v > 0.0 else -share
             low, high = -backward, forward
             if share > 0.0:
                 low += share * (forward + backward)
             else:
                 high += share * (forward + backward)
-            missing[k, j] = needed - produced + min(max(produced - needed, low), high)
+            missing[k, j] = needed - produced
+            friction[k, j] = min(max(produced - needed, low), high)
 
 
 @kernel
@@ -165,7 +170,9 @@ def effective_commands(raw, stretches, late, lag, period, low, high, commands):
 
 @kernel
 def shifted(values, stretches, rows, shifted_values):
-    """Values of one column some rows later, interpolated inside its stretch.
+    """Values of one column some rows later, by the cubic through four rows inside its stretch.
+
+    A straight line between two rows would take noise away, which a search would take for a delay.
 
     Args:
       values: Shape (n,).
@@ -176,7 +183,15 @@ def shifted(values, stretches, rows, shifted_values):
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
         for k in range(first, last):
-            shifted_values[k] = value_at(values, k + rows, first, last)
+            place = min(max(k + rows, float(first)), float(last - 1))
+            at = min(max(int(place) - 1, first), last - 4)
+            t = place - at - 1.0
+            shifted_values[k] = (
+                -t * (t - 1.0) * (t - 2.0) / 6.0 * values[at]
+                + (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0 * values[at + 1]
+                - (t + 1.0) * t * (t - 2.0) / 2.0 * values[at + 2]
+                + (t + 1.0) * t * (t - 1.0) / 6.0 * values[at + 3]
+            )
 
 
 class Simulation(NamedTuple):
