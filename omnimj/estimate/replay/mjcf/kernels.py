@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST, value_at
+from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST
 from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.robot_step import call_step
 from omnimj.signals import Array
@@ -145,6 +145,21 @@ def missing_forces(
 
 
 @kernel
+def _between(values, place, first, last):
+    """Cubic through four rows about a place, constant beyond the ends.
+
+    A straight line between two rows would take away what changes fast, noise included: a search would take that
+    for a delay or for the compliance of a spring.
+    """
+    place = min(max(place, float(first)), float(last - 1))
+    at = min(max(int(place) - 1, first), last - 4)
+    t = place - at - 1.0
+    before, after = (t - 1.0) * (t - 2.0), (t + 1.0) * t
+    found = before * (3.0 * (t + 1.0) * values[at + 1] - t * values[at])
+    return (found + after * ((t - 1.0) * values[at + 3] - 3.0 * (t - 2.0) * values[at + 2])) / 6.0
+
+
+@kernel
 def effective_commands(raw, stretches, late, lag, period, low, high, commands):
     """Commands as the actuator receives them: delayed, limited, filtered with a first-order lag.
 
@@ -163,16 +178,14 @@ def effective_commands(raw, stretches, late, lag, period, low, high, commands):
         first, last = stretches[s, 0], stretches[s, 1]
         state = min(max(raw[first], low), high)
         for k in range(first, last):
-            wanted = min(max(value_at(raw, k - late / period, first, last), low), high)
+            wanted = min(max(_between(raw, k - late / period, first, last), low), high)
             state = keep * state + (1.0 - keep) * wanted
             commands[k] = state
 
 
 @kernel
 def shifted(values, stretches, rows, shifted_values):
-    """Values of one column some rows later, by the cubic through four rows inside its stretch.
-
-    A straight line between two rows would take noise away, which a search would take for a delay.
+    """Values of one column some rows later, interpolated inside its stretch.
 
     Args:
       values: Shape (n,).
@@ -183,15 +196,7 @@ def shifted(values, stretches, rows, shifted_values):
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
         for k in range(first, last):
-            place = min(max(k + rows, float(first)), float(last - 1))
-            at = min(max(int(place) - 1, first), last - 4)
-            t = place - at - 1.0
-            shifted_values[k] = (
-                -t * (t - 1.0) * (t - 2.0) / 6.0 * values[at]
-                + (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0 * values[at + 1]
-                - (t + 1.0) * t * (t - 2.0) / 2.0 * values[at + 2]
-                + (t + 1.0) * t * (t - 1.0) / 6.0 * values[at + 3]
-            )
+            shifted_values[k] = _between(values, k + rows, first, last)
 
 
 class Simulation(NamedTuple):

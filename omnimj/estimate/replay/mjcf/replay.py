@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d, gaussian_filter1d
+from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
 from scipy.signal import savgol_coeffs
 
 from omnimj.effects import MJCF
@@ -288,12 +288,28 @@ class MachineReplay:
 
     def _measured(self) -> Array:
         log = self.log
-        inputs = np.where(log.valid, log.inputs, np.nan)
+        inputs = np.where(log.valid & ~self._turning(), log.inputs, np.nan)
         places = np.full((log.blocks, len(self.parts.joints)), np.nan)
         rows = kernels.window_rows(self._windows, log.size)
         places[rows] = self._means(log.position)[rows]
         velocity = log.velocity[:, np.array(self.parts.has_velocity)]
         return np.hstack([self._means(inputs), places, self._means(velocity), self._means(log.sensors)])
+
+    def _turning(self) -> NDArray[np.bool_]:
+        """Rows around a rest or a reversal of joints with a measured force, shape (n, j).
+
+        The filters mix rows before and after it, in which dry friction differs.
+        """
+        log = self.log
+        found = np.zeros(log.valid.shape, bool)
+        for j in np.flatnonzero(self._smoothing > 0.0):
+            near = round(log.reach[j] / log.period + self._smoothing[j])
+            for first, last, _, _ in log.stretches:
+                part, speed = slice(int(first), int(last)), log.speed[first:last, j]
+                turns = np.abs(speed) < self._maker.rest_speed[j]
+                turns[1:] |= speed[1:] * speed[:-1] < 0.0
+                found[part, j] = binary_dilation(turns, iterations=near) if turns.any() else turns
+        return found
 
     def _channels(self) -> tuple[Channel, ...]:
         """Channels in the order of the columns of `measured`."""
