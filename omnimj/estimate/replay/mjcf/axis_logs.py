@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from omnimj.effects.parts import BODY, JOINT
+from omnimj.effects.parts import JOINT
 from omnimj.errors import InputError
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import body_names, is_hinge

@@ -148,8 +148,8 @@ def missing_forces(
 def _between(values, place, first, last):
     """Cubic through four rows about a place, constant beyond the ends.
 
-    A straight line between two rows would take away what changes fast, noise included: a search would take that
-    for a delay or for the compliance of a spring.
+    A straight line between two rows would take away what changes fast, noise included: a search would take
+    that for a delay or for the compliance of a spring.
     """
     place = min(max(place, float(first)), float(last - 1))
     at = min(max(int(place) - 1, first), last - 4)

@@ -186,7 +186,7 @@ class MachineReplay:
         return found
 
     def _balanced(self, missing: Array) -> Array:
-        """Missing forces of joints with a measured force, low-passed where the encoder is the noisier sensor."""
+        """Missing forces, low-passed where the force was measured and the encoder is the noisier sensor."""
         found = missing.copy()
         for j in np.flatnonzero(self._smoothing > 0.0):
             for first, last, _, _ in self.log.stretches:
