@@ -19,6 +19,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     COMPLIANCE,
     DAMPING,
     GEAR,
+    PLAY,
     SPRING,
     SPRING_REST,
     VELOCITY_GAIN,
@@ -26,6 +27,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog
+from omnimj.estimate.replay.mjcf.play import Play, links_behind_play
 from omnimj.estimate.replay.stretches import FIRST
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import QUANTITIES, with_masses
@@ -50,11 +52,14 @@ class Motion:
         rigid: Array,
         readings: Array,
         bent: tuple[Array, Array, Array] | None = None,
+        play: Play | None = None,
     ):
         self.position, self.speed, self.acceleration = position, speed, acceleration
         """Motion of the motors, shape (n, j) each."""
         self.bent = bent
         """Deflections of the springs, their speeds and accelerations, shape (n, j) each; None without any."""
+        self.play = play
+        """Links behind their play; None without any."""
         self.rigid = rigid
         """Rigid-body forces, shape (n, j) [N or N.m]."""
         self.readings = readings
@@ -110,6 +115,8 @@ class Dynamics:
         masses = tuple(value for (kind, _, _), value in laws.masses.items() if kind == BODY)
         compliance = tuple(laws.joints[:, COMPLIANCE].tolist())
         armature = tuple(laws.joints[:, ARMATURE].tolist()) if any(compliance) else ()
+        if laws.joints[:, PLAY].any():
+            armature += tuple(laws.joints.ravel().tolist())
         return masses, laws.payloads, tuple(laws.gravity.tolist()), positions, compliance, armature
 
     def _along(self, laws: Laws) -> Motion:
@@ -131,7 +138,20 @@ class Dynamics:
                 part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
             )
             rigid, readings = forces(*map(np.ascontiguousarray, moved))
-        return Motion(position, speed, acceleration, rigid, readings, bent)
+        play = None
+        if laws.joints[:, PLAY].any():
+            inertia = self._inertias(laws, position, speed, acceleration, rigid)
+            play = links_behind_play(laws.joints, log, (position, speed, acceleration), rigid, inertia)
+        return Motion(position, speed, acceleration, rigid, readings, bent, play)
+
+    def _inertias(self, laws: Laws, q: Array, v: Array, a: Array, rigid: Array) -> Array:
+        """Inertia of the links about each joint with play, shape (n, j) [kg or kg.m2]."""
+        found = np.ones(q.shape)
+        for j in np.flatnonzero(laws.joints[:, PLAY]):
+            faster = a.copy()
+            faster[:, j] += 1.0
+            found[:, j] = self._forces(laws, q, v, faster)[0][:, j] - rigid[:, j]
+        return found
 
     def _forces(self, laws: Laws, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Rigid-body forces along a motion, shape (n, j), and readings of the sensors, shape (n, s)."""
@@ -228,6 +248,13 @@ class Dynamics:
             electric = -laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
             damping = laws.joints[:, DAMPING] + np.where(log.enabled, electric, 0.0)
             braking = damping * motion.bent[1] + laws.joints[:, ARMATURE] * motion.bent[2]
+        gaps, braking = np.zeros(links.shape), np.array(braking)
+        if (play := motion.play) is not None:
+            gaps = play.gap[0]
+            links, speeds = links - gaps, speeds - play.gap[1]
+            braking += laws.joints[:, ARMATURE] * play.gap[2]
+            electric = laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
+            braking -= np.where(log.enabled, electric, 0.0) * play.gap[1]
         for load, parts in self._loads.items():
             simulated = self._simulated(laws, dict(load))
             inside = [(p.start <= chosen[:, FIRST]) & (chosen[:, FIRST] < p.stop) for p in parts]
@@ -242,6 +269,7 @@ class Dynamics:
                 links,
                 speeds,
                 loads,
+                gaps,
                 braking,
                 commands,
                 log.enabled,

@@ -33,6 +33,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     PLACE,
     PLACE_FORCE,
     PLACE_WIDTH,
+    PLAY,
     POSITION_GAIN,
     QUADRATIC,
     REST_SPEED,
@@ -70,6 +71,7 @@ _TERMS = {
     LOAD_SHARE: "load_share",
     OFFSET: "offset",
     COMPLIANCE: "compliance",
+    PLAY: "play",
 }
 
 

@@ -356,8 +356,12 @@ def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands
     Dry friction jumps where the smoothed motion turns; it passes the filter of motion and inputs, too.
     """
     found, friction = np.empty(commands.shape), np.empty(commands.shape)
-    columns = (motion.position, motion.speed, motion.acceleration, motion.rigid)
-    kernels.missing_forces(laws.joints, curve, log.times, *columns, commands, log.enabled, found, friction)
+    columns = np.stack([motion.position, motion.speed, motion.acceleration])
+    links = np.stack([motion.rigid, motion.speed, np.ones(motion.speed.shape)])
+    if (play := motion.play) is not None:
+        links = np.stack([motion.rigid + play.force, play.speed, play.contact])
+    numbers = (columns, links, commands, log.enabled, found, friction)
+    kernels.missing_forces(laws.joints, curve, log.times, *numbers)
     for j, width in enumerate(log.filter_widths):
         weights = savgol_coeffs(width, 3)
         for first, last, _, _ in log.stretches:

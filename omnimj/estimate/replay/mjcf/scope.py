@@ -103,7 +103,7 @@ def _lack(
     own = parts.inputs[parts.joints.index(joint)]
     if kind == JOINT:
         if own is None:
-            reason = "it has no actuator that could bend a spring"
+            reason = "it has no actuator beyond a spring or a play"
             return Lack(f"joint {name}", reason, "give it one if it is driven")
         return Lack(f"joint {name}", f"{machine.facts.name} has it already", "change its values there")
     if own is not None and own.is_force:
