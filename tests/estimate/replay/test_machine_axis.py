@@ -139,7 +139,7 @@ def test_a_mass_below_the_armature_and_an_unknown_body_are_refused():
 def test_a_shift_by_a_part_of_a_row_keeps_what_changes_fast():
     time = np.arange(400.0)
     wave, found, stretches = np.sin(0.5 * time), np.empty(400), np.array([[0, 400, 0, 0]])
-    shifted(wave, stretches, 0.5, found)
+    shifted(wave, stretches, 0.5, True, found)
     inside = slice(2, -3)
     assert np.allclose(found[inside], np.sin(0.5 * (time + 0.5))[inside], atol=2e-3)
     assert np.abs(found).max() > 0.998

@@ -123,7 +123,7 @@ class Dynamics:
         log = self._log
         columns = [
             [
-                self._true(values[:, j], laws.channel(f"position:{name}"), order)
+                self._true(values[:, j], laws.channel(f"position:{name}"), order, laws.has_force(j))
                 for j, name in enumerate(self._machine.joints)
             ]
             for order, values in enumerate((log.position, log.speed, log.acceleration))
@@ -169,7 +169,7 @@ class Dynamics:
                 kernels.rigid_forces(simulation, q[part], v[part], a[part], self._sensors, *found)
         return rigid, readings
 
-    def _true(self, values: Array, reading: ChannelEffect, order: int) -> Array:
+    def _true(self, values: Array, reading: ChannelEffect, order: int, is_smooth: bool) -> Array:
         """Motion of a joint from readings of its encoder; order 0: position, 1: speed, 2: acceleration."""
         if reading == ChannelEffect():
             return values
@@ -177,7 +177,8 @@ class Dynamics:
         true = (values - offset) / reading.scale
         if reading.delay:
             found = np.empty(len(true))
-            kernels.shifted(true, self._log.stretches, reading.delay / self._log.period, found)
+            rows = reading.delay / self._log.period
+            kernels.shifted(true, self._log.stretches, rows, is_smooth, found)
             return found
         return true
 
@@ -311,7 +312,14 @@ def effective_inputs(laws: Laws, log: MachineLog) -> Array:
         late = law.delay + laws.clock - law.reading.delay
         commands = np.empty(len(raw))
         kernels.effective_commands(
-            np.ascontiguousarray(raw), log.stretches, late, law.lag, log.period, *law.limits, commands
+            np.ascontiguousarray(raw),
+            log.stretches,
+            late,
+            law.lag,
+            log.period,
+            *law.limits,
+            laws.has_force(j),
+            commands,
         )
         found[:, j] = commands
     return found

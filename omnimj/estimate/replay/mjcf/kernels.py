@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST
+from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST, value_at
 from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.robot_step import call_step
 from omnimj.signals import Array
@@ -49,9 +49,11 @@ from omnimj.signals import Array
     REST_SPEED,
     FORCE_PER_UNIT,
     PLAY,
-) = range(28)
-LAW = 28
-"""Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel."""
+    STILL,
+) = range(29)
+LAW = 29
+"""Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel. `STILL`: share of
+the rest speed up to which any friction within its bounds is possible."""
 
 KNOTS = 8
 CURVE_JOINT, CURVE_KIND, CURVE_LOW, CURVE_HIGH = range(4)
@@ -137,7 +139,9 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
             needed += steady_force(law, q) - _curve_force(curve, j, q, v, times[k])
             produced = _drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
             forward, backward = dry_friction(law, q, sliding, rigid)
-            share = min(max(2.0 * abs(sliding) / law[REST_SPEED] - 1.0, 0.0), 1.0)  # 0 at rest, 1 in motion
+            still = law[STILL]
+            share = (abs(sliding) / law[REST_SPEED] - still) / (1.0 - still)
+            share = min(max(share, 0.0), 1.0)  # 0 at rest, 1 in motion
             share = share if sliding > 0.0 else -share
             low, high = -backward, forward
             if share > 0.0:
@@ -164,7 +168,13 @@ def _between(values, place, first, last):
 
 
 @kernel
-def effective_commands(raw, stretches, late, lag, period, low, high, commands):
+def _at(values, place, first, last, is_smooth):
+    """Value between rows."""
+    return _between(values, place, first, last) if is_smooth else value_at(values, place, first, last)
+
+
+@kernel
+def effective_commands(raw, stretches, late, lag, period, low, high, is_smooth, commands):
     """Commands as the actuator receives them: delayed, limited, filtered with a first-order lag.
 
     Args:
@@ -175,6 +185,7 @@ def effective_commands(raw, stretches, late, lag, period, low, high, commands):
       period: Time between rows [s].
       low: Least command.
       high: Largest command.
+      is_smooth: True for values between rows by cubics, False for those by straight lines.
       commands: Filled, shape (n,).
     """
     keep = math.exp(-period / lag) if lag > 1e-6 else 0.0
@@ -182,25 +193,27 @@ def effective_commands(raw, stretches, late, lag, period, low, high, commands):
         first, last = stretches[s, 0], stretches[s, 1]
         state = min(max(raw[first], low), high)
         for k in range(first, last):
-            wanted = min(max(_between(raw, k - late / period, first, last), low), high)
+            wanted = _at(raw, k - late / period, first, last, is_smooth)
+            wanted = min(max(wanted, low), high)
             state = keep * state + (1.0 - keep) * wanted
             commands[k] = state
 
 
 @kernel
-def shifted(values, stretches, rows, shifted_values):
+def shifted(values, stretches, rows, is_smooth, shifted_values):
     """Values of one column some rows later, interpolated inside its stretch.
 
     Args:
       values: Shape (n,).
       stretches: Table of stretches.
       rows: Number of rows, not whole.
+      is_smooth: True for cubics, False for straight lines between rows.
       shifted_values: Filled, shape (n,).
     """
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
         for k in range(first, last):
-            shifted_values[k] = _between(values, k + rows, first, last)
+            shifted_values[k] = _at(values, k + rows, first, last, is_smooth)
 
 
 class Simulation(NamedTuple):

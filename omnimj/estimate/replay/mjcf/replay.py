@@ -226,7 +226,7 @@ class MachineReplay:
             if reading.delay:
                 late = np.empty(len(values))
                 rows = -reading.delay / self.log.period
-                kernels.shifted(np.ascontiguousarray(values), self.log.stretches, rows, late)
+                kernels.shifted(np.ascontiguousarray(values), self.log.stretches, rows, False, late)
                 values = late
             found.append(reading.scale * self._means(values[:, None])[:, 0] + reading.offset)
         return found
@@ -353,7 +353,7 @@ class MachineReplay:
 def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:
     """Needed − produced force along a motion, shape (n, j) [N or N.m].
 
-    Dry friction jumps where the smoothed motion turns; it passes the filter of motion and inputs, too.
+    Dry friction jumps where the smoothed motion turns; that beside a measured force passes its filter, too.
     """
     found, friction = np.empty(commands.shape), np.empty(commands.shape)
     columns = np.stack([motion.position, motion.speed, motion.acceleration])
@@ -363,7 +363,7 @@ def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands
     numbers = (columns, links, commands, log.enabled, found, friction)
     kernels.missing_forces(laws.joints, curve, log.times, *numbers)
     for j, width in enumerate(log.filter_widths):
-        weights = savgol_coeffs(width, 3)
+        weights = savgol_coeffs(width, 3) if laws.has_force(j) else np.ones(1)
         for first, last, _, _ in log.stretches:
             part = slice(int(first), int(last))
             found[part, j] += correlate1d(friction[part, j], weights, mode="nearest")

@@ -105,8 +105,11 @@ def _choices(
     moving = [name for name in parts.joints if spans[name].is_excited]
     inputs = {own.drive.joint: own for own in parts.inputs if own is not None}
     if selector.name == JOINT:
-        driven_only = effect.name in ("compliance", "backlash")
-        names = [j for j in moving if j in inputs or not driven_only]
+        names = moving
+        if effect.name == "compliance":
+            names = [j for j in moving if j in inputs]
+        elif effect.name == "backlash":
+            names = [j for j in moving if j in inputs and inputs[j].is_force]
         if effect.name in _ONCE:
             names = [j for j in names if not _present(machine, effect.name, j)]
         yield from ({JOINT: name} for name in names)
