@@ -9,7 +9,7 @@ from collections.abc import Hashable, Mapping, Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from omnimj.effects import ChannelEffect
 from omnimj.effects.parts import BODY, Part
@@ -37,7 +37,9 @@ from omnimj.signals import Array
 _KEPT = 64  # rigid-body forces along the motion that are remembered
 _STIFF = 0.9999  # impedance of dry friction: a joint at rest does not creep
 _STEP = 0.002  # [s] shortest step of the windows
-_BENDING = 0.05  # [s] half width of the filter of deflections: below its resonance a spring follows slowly
+_HALVES = (0.03, 0.05, 0.075, 0.1, 0.15)  # [s] half widths of the filter of deflections
+_CLEAR = 0.1  # noise of a deflection's acceleration over its RMS
+_DEFLECTIONS = 2  # fixed-point steps of the deflection: its error falls by (rate / resonance)^2 in each
 _OFF = mujoco.mjtDisableBit
 
 
@@ -91,6 +93,7 @@ class Dynamics:
         for k, (first, last, _, _) in enumerate(log.stretches.tolist()):
             load = tuple(sorted(stated[k].items())) if stated else ()
             self._loads.setdefault(load, []).append(slice(first, last))
+        self._widths = [_deflection_width(log, j) for j in range(log.position.shape[1])]
         self._known: dict[Hashable, Motion] = {}
         self._lock = threading.Lock()
         substeps = max(1, int(np.ceil(log.period / max(machine.mj_model.opt.timestep, _STEP) - 1e-6)))
@@ -132,7 +135,7 @@ class Dynamics:
         forces = functools.partial(self._forces, laws)
         rigid, readings = forces(position, speed, acceleration)
         bent = None
-        if laws.joints[:, COMPLIANCE].any():
+        for _ in range(_DEFLECTIONS if laws.joints[:, COMPLIANCE].any() else 0):
             bent = self._bent(rigid, laws.joints[:, COMPLIANCE])
             moved = (
                 part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
@@ -183,13 +186,15 @@ class Dynamics:
         return true
 
     def _bent(self, rigid: Array, compliance: Array) -> tuple[Array, Array, Array]:
-        """Deflection of each joint's spring under the force that it transmits, and its two derivatives."""
+        """Deflection of each joint's spring under the force that it transmits, and its two derivatives.
+
+        Noise that grows with the compliance would bias its fitted value to 0; the filter is wide for this.
+        """
         log = self._log
         found = np.zeros((3, *rigid.shape))
         for j in np.flatnonzero(compliance):
             for first, last, _, _ in log.stretches:
-                half = max(float(log.reach[j]), _BENDING)
-                width = min(max(2 * round(half / log.period) + 1, 5), int(last - first) - 1 | 1)
+                width = min(self._widths[j], int(last - first) - 1 | 1)
                 for order in range(3):
                     found[order, first:last, j] = compliance[j] * savgol_filter(
                         rigid[first:last, j], width, 3, deriv=order, delta=log.period
@@ -278,6 +283,31 @@ class Dynamics:
                 found,
             )
         return found
+
+
+def _deflection_width(log: MachineLog, joint: int) -> int:
+    """Width of the narrowest filter whose fourth derivative of the position is clear of noise [rows].
+
+    A deflection follows the acceleration, so that its own acceleration is that derivative.
+    """
+    period = log.period
+    own = max(2 * round(float(log.reach[joint]) / period) + 1, 5)
+    bends = savgol_coeffs(own, 3, deriv=2, delta=period)
+    width = own
+    for half in _HALVES:
+        width = max(2 * round(half / period) + 1, own)
+        parts = [log.acceleration[first:last, joint] for first, last, _, _ in log.stretches]
+        parts = [
+            np.asarray(savgol_filter(p, width, 3, deriv=2, delta=period)) for p in parts if len(p) > width
+        ]
+        if not parts:
+            break
+        smooth = [np.asarray(savgol_filter(p, width, 3, deriv=2, delta=period)) for p in parts]
+        both = np.convolve(bends, savgol_coeffs(width, 3, deriv=2, delta=period))
+        scatter = float(log.position_noise[joint] * np.linalg.norm(both))
+        if scatter < _CLEAR * float(np.sqrt(np.mean(np.concatenate(smooth) ** 2))):
+            break
+    return width
 
 
 def _arrays(model: mujoco.MjModel, mj_data: mujoco.MjData) -> Simulation:
