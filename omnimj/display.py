@@ -1,6 +1,6 @@
 """Records that show themselves in a notebook, without knowing how.
 
-Tables and plots are made by `omnimj.view.notebook`, which knows the records and therefore lies above them.
+Tables and plots are made by `omnimj.view.notebook`, which imports the records and therefore lies above them.
 It is loaded by its name when a record is shown for the first time, as the public names of `omnimj` are: a
 program that only computes loads no drawing library, and control runs where there is none.
 """

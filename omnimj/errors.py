@@ -54,7 +54,7 @@ class UnknownNameError(InputError, LookupError):
 
 
 class MissingLibrary(InputError, ImportError):
-    """A library of an optional extra that is not installed; the message says how to install it."""
+    """A library of an optional extra that is not installed; the message names the extra to install."""
 
     def __init__(self, place: object, library: str, extra: str):
         super().__init__(place, f"{library} is not installed", f"pip install 'omnimj[{extra}]'")

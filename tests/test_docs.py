@@ -16,7 +16,8 @@ from omnimj.simulate.scenario.scenario import read_scenario
 ROOT = Path(__file__).parent.parent
 DOCS = Path(omnimj.__file__).parent / "docs"
 README = ROOT / "README.md"
-PAGES = [README, ROOT / "models" / "README.md", *sorted(DOCS.glob("*.md"))]
+HOWTO = sorted((DOCS / "howto").glob("*.md"))
+PAGES = [README, ROOT / "models" / "README.md", *sorted(DOCS.glob("*.md")), *HOWTO]
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [
     (page.name, language, code)
@@ -58,9 +59,10 @@ def test_a_scenario_in_the_documentation_is_one(code, tmp_path):
 @pytest.mark.parametrize("command", commands())
 def test_commands_in_the_documentation_are_commands(command, capsys):
     words = shlex.split(command)[1:]
-    if ("-" not in command and not {"run", "link"}.isdisjoint(words[:1])) or len(words) == 1:
+    named_only = "-" not in command and not {"run", "link", "docs"}.isdisjoint(words[:1])
+    if named_only or len(words) == 1 or words[-1] == "--help":
         with pytest.raises(SystemExit, match=r"^0$"):
-            make_parser().parse_args([*words, "--help"])
+            make_parser().parse_args([*(word for word in words if word != "--help"), "--help"])
     else:
         make_parser().parse_args(words)
 
@@ -95,6 +97,13 @@ def test_every_page_is_listed_in_the_index():
     index = TEXT[DOCS / "index.md"]
     names = {page.name for page in DOCS.glob("*.md")} - {"index.md"}
     assert [name for name in sorted(names) if f"]({name})" not in index] == []
+
+
+def test_every_how_to_page_is_listed_with_its_command():
+    index = TEXT[DOCS / "commands.md"]
+    assert [
+        page.name for page in HOWTO if not re.search(rf"\[`omnimj [^`]+`\]\(howto/{page.name}\)", index)
+    ] == []
 
 
 def test_the_front_page_is_one():

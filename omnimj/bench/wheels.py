@@ -176,7 +176,7 @@ class Case:
         return wheeled_robot(self.layout)
 
     def model(self) -> mujoco.MjModel:
-        """Compile the robot's file, changed as the case says."""
+        """Compile the robot's file, changed as the case states."""
         return _model(self.robot, CONTACTS[self.contact], self.shape)
 
 

@@ -55,7 +55,7 @@ class Command:
 
 
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every command on what it says while it works."""
+    """Add the options of every command on its messages."""
     group = parser.add_argument_group("messages")
     amount = group.add_mutually_exclusive_group()
     amount.add_argument("-q", "--quiet", action="store_true", help="no progress, only results and errors")
@@ -69,8 +69,8 @@ MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml or rig.t
 """Help texts of `--model`, without and with the test rig."""
 
 
-FAILED, INTERRUPTED = 1, 130
-"""Exit codes after a failed check or a failed simulation, and after Ctrl-C."""
+FAILED, NO_ANSWER, INTERRUPTED = 1, 3, 130
+"""Exit codes after a failed check or simulation, without an answer of a machine, and after Ctrl-C."""
 
 
 def exit_code(interrupted: object, failed: object = False) -> int:
@@ -311,7 +311,7 @@ def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
     from omnimj.link.transport.address import SerialAddress, parse_address
     from omnimj.link.transport.serial_port import require_library
 
-    if isinstance(address := parse_address(arguments.plant), SerialAddress):
+    if isinstance(address := parse_address(arguments.plant, "--plant"), SerialAddress):
         require_library(address)
     mode = (
         LinkMode.READONLY if arguments.readonly else LinkMode.DRY_RUN if arguments.dry_run else LinkMode.DRIVE

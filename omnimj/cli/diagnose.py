@@ -130,7 +130,7 @@ def _diagnose_dataset(
     from omnimj.diagnosis.files import diagnoses_json
     from omnimj.diagnosis.replay import check_config, require_other_folder
     from omnimj.estimate.gap.check.acceptance import fault_records, sound_logs
-    from omnimj.recording.folder import atomic_file, check_folder
+    from omnimj.recording.folder import check_folder
     from omnimj.recording.json_files import write_json
     from omnimj.view.report.diagnosis import write_diagnosis_report
 
@@ -148,8 +148,7 @@ def _diagnose_dataset(
     command = command_line(arguments)
     content = diagnoses_json(order, found, command, interrupted) | {"data_faults": fault_records(check)}
     write_json(arguments.out / DIAGNOSE_FILES[0], content)
-    with atomic_file(arguments.out / DIAGNOSE_FILES[1]) as temporary:
-        write_diagnosis_report(temporary, order, found, sections, command, interrupted)
+    write_diagnosis_report(arguments.out / DIAGNOSE_FILES[1], order, found, sections, command, interrupted)
     return order, found, interrupted, content
 
 
@@ -203,8 +202,8 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
                         out, arguments.force, (*DIAGNOSE_FILES, *(f"{run.name}.parquet" for run in runs))
                     )
                 about = {"dataset": str(order.dataset.path), "run": one.name, "method": order.method}
-                said = [dataclasses.asdict(d) for d in one.diagnoses]
-                trace = Trace(one.trace.columns, {**about, "diagnoses": said})
+                diagnoses = [dataclasses.asdict(d) for d in one.diagnoses]
+                trace = Trace(one.trace.columns, {**about, "diagnoses": diagnoses})
                 write_trace(out / f"{one.name}.parquet", trace)
                 bins = bins_for(len(runs)) if len(found) < MOST_FIGURES else 0
                 section = run_section(one, order.method, names, bins)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import Command, whole_number
 from omnimj.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from omnimj.documentation.site import SiteBuild
 
 _PORT = 8000
 
@@ -46,12 +49,19 @@ def _add_build_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _build(arguments: Any) -> int:
+    site = _publish(arguments, arguments.out, arguments.force)
+    print(f"{len(site.pages)} pages; open {arguments.out / 'index.html'}")
+    return 0
+
+
+def _publish(arguments: Any, folder: Path, force: bool) -> SiteBuild:
+    """Build the site into a folder, with a bar of progress."""
+    from omnimj.cli.main import make_parser
     from omnimj.documentation.publish import publish
 
     with progress_bar(arguments) as bar:
-        site = publish(arguments.out, arguments.force, arguments.tutorials == "executed", bar.show_share)
-    print(f"{len(site.pages)} pages; open {arguments.out / 'index.html'}")
-    return 0
+        execute = arguments.tutorials == "executed"
+        return publish(folder, force, make_parser(), execute, bar.show_share)
 
 
 def _add_serve_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,13 +73,11 @@ def _add_serve_arguments(parser: argparse.ArgumentParser) -> None:
 def _serve(arguments: Any) -> int:
     import tempfile
 
-    from omnimj.documentation.publish import publish
     from omnimj.documentation.server import open_server
 
     with open_server(arguments.port) as server, tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
         folder = Path(work) / "site"
-        with progress_bar(arguments) as bar:
-            publish(folder, False, arguments.tutorials == "executed", bar.show_share)
+        _publish(arguments, folder, force=False)
         print(f"http://127.0.0.1:{server.port}/index.html (Ctrl-C ends it)", flush=True)
         server.serve(folder)
     return 0

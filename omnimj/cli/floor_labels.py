@@ -82,15 +82,14 @@ def run_floor_labels(arguments: Any) -> int:
       InputError: The data or an option break a rule.
     """
     from omnimj.diagnosis.floor_labels.files import REPORT_FILE, write_labels
-    from omnimj.recording.folder import atomic_file, check_folder
+    from omnimj.recording.folder import check_folder
     from omnimj.view.report.floor_labels import write_floor_report
 
     check_folder(arguments.out, arguments.force)
     found = _labelled(arguments)
     command = command_line(arguments)
     content = write_labels(arguments.out, arguments.force, found, command)
-    with atomic_file(arguments.out / REPORT_FILE) as temporary:
-        write_floor_report(temporary, found, command)
+    write_floor_report(arguments.out / REPORT_FILE, found, command)
     if arguments.json:
         print(format_json(content))
     else:

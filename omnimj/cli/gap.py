@@ -194,7 +194,7 @@ def write_outputs(
       InputError: The folder is not empty and `force` is false.
       OutputError: A file cannot be written.
     """
-    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json, write_text
     from omnimj.view.report.gap import write_gap_report
     from omnimj.view.rerun.before_after import has_scene, write_before_after
@@ -206,8 +206,7 @@ def write_outputs(
         else:  # a file of an earlier search, which `force` replaces
             (folder / name).unlink(missing_ok=True)
     write_json(folder / DIGEST, content)
-    with atomic_file(folder / REPORT) as temporary:
-        write_gap_report(temporary, finding, content["model"], content["floors"], content["command"])
+    write_gap_report(folder / REPORT, finding, content["model"], content["floors"], content["command"])
     if finding.overlays and has_scene(finding.plant):
         write_before_after(folder / RECORDING, finding, machine_file)
 
@@ -358,7 +357,6 @@ def run_gap_benchmark(arguments: Any) -> int:
             raise InputError(
                 "--benchmark", f"found {name}", "the benchmark makes its own data for the shipped model"
             )
-    from omnimj.recording.folder import atomic_file
     from omnimj.studies.executors import open_executor
     from omnimj.studies.gap_benchmark.study import NUMBERS, BenchmarkConfig, run_benchmark
     from omnimj.view.report.evaluation import write_benchmark_report
@@ -374,8 +372,7 @@ def run_gap_benchmark(arguments: Any) -> int:
     )
     with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         outcome = run_benchmark(order, bar.show_share, executor)
-    with atomic_file(arguments.out / REPORT) as temporary:
-        write_benchmark_report(temporary, outcome.lines, outcome.tables)
+    write_benchmark_report(arguments.out / REPORT, outcome.lines, outcome.tables)
     print_study(arguments.out, NUMBERS, lambda: _format_benchmark(outcome, arguments.out), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
 

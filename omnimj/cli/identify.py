@@ -136,15 +136,14 @@ def _identify_dataset(
 
 def _write_identification(arguments: Any, found: Identification, content: dict[str, Any]) -> None:
     from omnimj.estimate.identification.files import write_floors
-    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json
     from omnimj.view.report.identification import write_identification_report
 
     make_folder(arguments.out, arguments.force, IDENTIFY_FILES)
     write_floors(arguments.out / IDENTIFY_FILES[0], found)
     write_json(arguments.out / IDENTIFY_FILES[1], content)
-    with atomic_file(arguments.out / IDENTIFY_FILES[2]) as temporary:
-        write_identification_report(temporary, found, content["command"])
+    write_identification_report(arguments.out / IDENTIFY_FILES[2], found, content["command"])
 
 
 def _format_identification(found: Identification, out: Path) -> str:
@@ -165,7 +164,7 @@ def _format_floor(floor: IdentifiedFloor) -> list[str]:
     lines.append(format_table(("parameter", "value", "90 % interval"), rows))
     if low == low:
         lines.append(f"curve F/F_N over {1000 * low:.3g} … {1000 * high:.3g} mm/s of slip")
-    lines += [f"- {said}" for said in floor.undetermined]
+    lines += [f"- {sentence}" for sentence in floor.undetermined]
     if floor.left_out:
         lines.append(f"- not fitted, since they show no slip: {', '.join(floor.left_out)}")
     return lines
@@ -256,14 +255,13 @@ def _validate_rig_dataset(
 
 
 def _write_validation(arguments: Any, found: Validation, content: dict[str, Any]) -> None:
-    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json
     from omnimj.view.report.validation import write_validation_report
 
     make_folder(arguments.out, arguments.force, VALIDATE_FILES)
     write_json(arguments.out / VALIDATE_FILES[0], content)
-    with atomic_file(arguments.out / VALIDATE_FILES[1]) as temporary:
-        write_validation_report(temporary, found, content["command"])
+    write_validation_report(arguments.out / VALIDATE_FILES[1], found, content["command"])
 
 
 def _format_validation(found: Validation, out: Path) -> str:

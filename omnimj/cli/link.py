@@ -11,18 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     ADDRESS,
+    NO_ANSWER,
     ROBOT_MODEL,
     Command,
     add_clock,
     add_key,
     add_reset_fault,
     add_seed,
+    exit_code,
     positive_number,
     whole_number,
 )
 from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import format_table
-from omnimj.errors import InputError, LinkLost
+from omnimj.errors import InputError, LinkLost, NoAnswer
 
 if TYPE_CHECKING:
     from omnimj.link.check.fuzz import FuzzReport
@@ -111,6 +113,7 @@ class _Check:
         self._arguments, self._robot, self._hardware = arguments, robot, require_hardware(robot)
         self._rows: list[tuple[str, str, bool | None]] = []
         self._findings: list[WiringFinding] = []
+        self._is_silent = False
         self._link: Link = open_link(
             arguments.plant, robot, key_file=arguments.key_file, lock_step=arguments.lock_step
         )
@@ -128,6 +131,7 @@ class _Check:
                 step()
             except LinkLost as error:
                 self._add(step.__name__.strip("_"), str(error), False)
+                self._is_silent = isinstance(error, NoAnswer)
                 return
 
     def _add(self, name: str, found: str, is_right: bool | None) -> None:
@@ -252,7 +256,7 @@ class _Check:
             marks = {True: "ok", False: "WRONG", None: ""}
             print(format_table(("step", "found", ""), [(n, f, marks[ok]) for n, f, ok in self._rows]))
             print(f"\nfailed: {wrong} of {len(self._rows)} steps" if wrong else "\npassed")
-        return 1 if wrong else 0
+        return NO_ANSWER if self._is_silent else exit_code(False, wrong)
 
 
 def _direction(x: float, y: float) -> str:

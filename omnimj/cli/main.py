@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
-from omnimj.cli.arguments import FAILED, INTERRUPTED, Command, command_line
+from omnimj.cli.arguments import FAILED, INTERRUPTED, NO_ANSWER, Command, command_line
 from omnimj.cli.bench import BENCH
 from omnimj.cli.compare import COMPARE
 from omnimj.cli.completion import COMPLETION
@@ -52,7 +52,7 @@ lacks compared with measured runs.
 All commands: omnimj --help. One of them, with examples: omnimj run --help.
 """
 
-BAD_INPUT, NO_ANSWER, NO_READER = 2, 3, 141
+BAD_INPUT, NO_READER = 2, 141
 _REFUSED_BY_SYSTEM = (
     errno.ENOSPC,
     errno.EDQUOT,
@@ -217,7 +217,7 @@ def _run(given: list[str]) -> int:
 
 
 def _kept(arguments: argparse.Namespace) -> str:
-    """Say what an interrupted command leaves behind, and how to go on."""
+    """Print what an interrupted command leaves behind, and how to go on."""
     out = getattr(arguments, "out", None)
     if arguments.resumes:
         return "what was finished is kept, and the same command continues"
@@ -231,7 +231,7 @@ def _kept(arguments: argparse.Namespace) -> str:
 def _end_by(given: list[str], error: Exception, code: int) -> int:
     """Print an error in one line and return the exit code."""
     text = " ".join(str(error).split())
-    text = text if re.match(r"omnimj[ a-z]*: ", text) else f"omnimj: {text}"
+    text = text if re.match(r"omnimj[ a-z-]*: ", text) else f"omnimj: {text}"
     _store(given, code, text)
     print(text, file=sys.stderr)
     return code

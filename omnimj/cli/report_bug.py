@@ -118,7 +118,7 @@ def without_private_data(words: list[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text without folders and hosts; ports such as /dev/ttyACM0 say nothing about a person."""
+    """Text without folders and hosts; ports such as /dev/ttyACM0 identify no person."""
     return " ".join(map(_plain_word, text.split(" ")))
 
 

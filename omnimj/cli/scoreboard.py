@@ -73,7 +73,6 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 
 def _run(arguments: Any, folder: Path) -> ScoreboardResult:
-    from omnimj.recording.folder import atomic_file
     from omnimj.studies.executors import open_executor
     from omnimj.studies.scoreboard.sets import known_sets
     from omnimj.studies.scoreboard.study import ScoreboardConfig, run_scoreboard
@@ -92,8 +91,7 @@ def _run(arguments: Any, folder: Path) -> ScoreboardResult:
     )
     with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         outcome = run_scoreboard(order, bar.show_share, executor)
-    with atomic_file(folder / REPORT) as temporary:
-        write_scoreboard_report(temporary, outcome.lines, outcome.tables)
+    write_scoreboard_report(folder / REPORT, outcome.lines, outcome.tables)
     return outcome
 
 

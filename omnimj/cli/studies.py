@@ -80,7 +80,6 @@ def run_evaluate(arguments: Any) -> int:
       InputError: An option is out of its range, or the folder holds something else.
       SimulationError: A worker died; finished cases are kept.
     """
-    from omnimj.recording.folder import atomic_file
     from omnimj.studies.evaluation.cases import FLOORS, CasePopulation
     from omnimj.studies.evaluation.study import NUMBERS, EvaluationConfig, check_config, run_evaluation
     from omnimj.studies.executors import open_executor
@@ -119,8 +118,7 @@ def run_evaluate(arguments: Any) -> int:
         outcome = run_evaluation(order, bar.show_share, executor)
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
-    with atomic_file(arguments.out / REPORT) as temporary:
-        write_evaluation_report(temporary, outcome)
+    write_evaluation_report(arguments.out / REPORT, outcome)
     print_study(arguments.out, NUMBERS, lambda: _format_evaluation(outcome, arguments.out), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
 

@@ -143,13 +143,13 @@ def format_value(value: float | None, unit: str = "") -> str:
 
 
 def announce_compilation(plant: str, machine: str, kind: str = "plant", quiet: bool = False) -> None:
-    """Say on stderr that native code must be compiled first, if so; a terminal counts the functions.
+    """Report on stderr that native code must be compiled first, if so; a terminal counts the functions.
 
     Args:
       plant: `twin` or `planar`, or the name of a method.
       machine: `uto_robot` or `quarter_rig`.
       kind: `plant` or `method`.
-      quiet: True to say nothing.
+      quiet: True to print nothing.
     """
     from omnimj.physics.native import is_compiled, on_compilation
 

@@ -94,7 +94,6 @@ def run(arguments: Any) -> int:
       InputError: An option is out of its range, or --out cannot be written.
       SimulationError: A worker died or a trial failed; finished trials are kept.
     """
-    from omnimj.recording.folder import atomic_file
     from omnimj.recording.json_files import write_text
     from omnimj.studies.executors import open_executor
     from omnimj.studies.tuning.reporting import format_gains_file
@@ -125,8 +124,7 @@ def run(arguments: Any) -> int:
     text = json.dumps(_as_plain(outcome), indent=2) if arguments.json else _format_tuning(outcome)
     print(text, flush=True)  # first: a full disk must not cost the result
     write_text(config.out, format_gains_file(outcome, command))
-    with atomic_file(report) as temporary:
-        write_tuning_report(temporary, outcome, command)
+    write_tuning_report(report, outcome, command)
     if not arguments.json:
         print(f"\nwritten to {config.out} and {report}")
     return 0 if outcome.is_better else 1

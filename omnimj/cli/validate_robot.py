@@ -92,7 +92,7 @@ def _check_recording(arguments: Any, dataset: Dataset) -> None:
 
 
 def _write(arguments: Any, found: DriveValidation, content: dict[str, Any], robot: Robot) -> None:
-    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json
     from omnimj.view.report.drives import write_drives_report
     from omnimj.view.rerun.side_by_side import write_side_by_side
@@ -100,8 +100,7 @@ def _write(arguments: Any, found: DriveValidation, content: dict[str, Any], robo
     out = arguments.out
     make_folder(out, arguments.force, _FILES)
     write_json(out / _FILES[0], content)
-    with atomic_file(out / _FILES[1]) as temporary:
-        write_drives_report(temporary, found, content["command"])
+    write_drives_report(out / _FILES[1], found, content["command"])
     shown = [run for run in found.runs if run.run == arguments.recording and run.plant == found.plants[0]]
     for run in shown:
         write_side_by_side(out / RECORDING, run, robot)
@@ -114,9 +113,9 @@ def format_drives(found: DriveValidation, out: Path) -> str:
       found: The validation.
       out: Folder of its files.
     """
-    said = found.notes if len(found.notes) <= _MOST_NOTES else (_many(len(found.notes)),)
+    notes = found.notes if len(found.notes) <= _MOST_NOTES else (_many(len(found.notes)),)
     table = format_table(_HEAD, [_row(group) for group in found.groups])
-    lines = [*said, *found.marker_notes, "", table, "", _LEGEND]
+    lines = [*notes, *found.marker_notes, "", table, "", _LEGEND]
     if found.effects:
         lines.append(f"effects of the model: {', '.join(found.effects)}")
     if found.interrupted:

@@ -20,7 +20,7 @@ _KINDS = ("omni", "mecanum")
 def _add_wheel(parser: argparse.ArgumentParser, mass_option: str) -> None:
     length = positive_number(20.0)
     parser.add_argument("--radius", metavar="M", type=length, default=0.05, help="radius in m (default 0.05)")
-    words = "rollers in a row (default 9, mecanum 18)"
+    words = "rollers in a row (default 9, mecanum 20)"
     parser.add_argument("--rollers", metavar="N", type=whole_number(1, 1000), help=words)
     words = "rows of rollers of an omni wheel (default 2)"
     parser.add_argument("--rows", metavar="N", type=whole_number(1, 1000), help=words)
@@ -28,7 +28,9 @@ def _add_wheel(parser: argparse.ArgumentParser, mass_option: str) -> None:
     parser.add_argument("--roller-radius", metavar="M", type=length, help=words)
     words = "distance between rows in m (default 2.44 roller radii)"
     parser.add_argument("--row-spacing", metavar="M", type=length, help=words)
-    words = "angle between roller axis and axle of a mecanum wheel in degrees, on average (default 45)"
+    words = (
+        "angle between roller axis and axle of a mecanum wheel in degrees, as seen from above (default 45)"
+    )
     parser.add_argument("--roller-angle", metavar="DEG", type=positive_number(180.0), help=words)
     words = "mass of a wheel with rollers in kg (default 0.35 at a radius of 0.05 m)"
     parser.add_argument(mass_option, metavar="KG", type=positive_number(1e6), dest="wheel_mass", help=words)
@@ -217,9 +219,9 @@ def _write(arguments: Any, text: str, content: dict[str, Any]) -> None:
         ("mass of a wheel, of a roller", f"{wheel['mass']:.4g} kg, {1e3 * wheel['roller_mass']:.3g} g"),
     ]
     if wheel["mounted_angle"] != wheel["roller_angle"]:
-        built, mean = math.degrees(wheel["mounted_angle"]), math.degrees(wheel["roller_angle"])
+        built, seen = math.degrees(wheel["mounted_angle"]), math.degrees(wheel["roller_angle"])
         rows.append(
-            ("angle of rollers to the axle", f"{built:.4g}° as built, {mean:.4g}° on average as seen")
+            ("angle of rollers to the axle", f"{built:.4g}° as built, {seen:.4g}° as seen from above")
         )
     print(f"{format_table(('quantity', 'value'), rows)}\n\nwritten to {arguments.out}")
 

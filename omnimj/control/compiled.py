@@ -77,7 +77,7 @@ class ControlFields(NamedTuple):
     judged: Judgement
     recovery: RecoveryFields
     log: Array
-    """Signals of the last step, aligned with `CompiledController.log_names`."""
+    """Signals of the last step by `CompiledController.log_names`, shape (signals,)."""
 
 
 class Reading(NamedTuple):
@@ -202,7 +202,7 @@ class CompiledState(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Signals of the last step, aligned with `CompiledController.log_names`."""
+        """Signals of the last step by `CompiledController.log_names`, shape (signals,)."""
         return self.record["log"][0][: self.signals]
 
     @property

@@ -25,7 +25,7 @@ class FaultTolerantState(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Signals of the last step, aligned with `FaultTolerantController.log_names`."""
+        """Signals of the last step by `FaultTolerantController.log_names`, shape (len(log_names),)."""
         if self.recovery is None:
             return np.concatenate((self.control.log, self.detector.log))
         return np.concatenate((self.control.log, self.detector.log, self.recovery.log))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from omnimj.documentation.options import HOWTO
+
 HOME = "index.md"
 TUTORIALS = "tutorials/"
 """Folder of the tutorials."""
@@ -15,10 +17,21 @@ class Section:
     """Section of the navigation."""
 
     title: str
-    pages: tuple[str, ...]
-    """Pages in order, relative to the folder of the documentation; those that do not exist are skipped."""
+    entries: tuple[str | Section, ...]
+    """Pages, relative to the folder of the documentation, and sections, in order; pages that do not exist are
+    skipped."""
     folder: str | None = None
     """Folder whose other pages follow, by name."""
+
+    def pages(self) -> Iterator[str]:
+        """Pages named in this section and below."""
+        for entry in self.entries:
+            yield from (entry,) if isinstance(entry, str) else entry.pages()
+
+
+def _commands(*names: str) -> tuple[str, ...]:
+    """How-to pages of commands."""
+    return tuple(f"{HOWTO}{name}.md" for name in names)
 
 
 SECTIONS = (
@@ -40,8 +53,25 @@ SECTIONS = (
     Section(
         "How-to",
         (
-            *("own_robot.md", "wheels.md", "any_machine.md", "logs.md", "python.md", "learning.md"),
-            *("hardware.md", "ros2_control.md", "tuning.md", "many_runs.md"),
+            Section("Drive", _commands("run", "scenarios", "compare")),
+            Section("Logs", (*_commands("record", "import", "export"), "logs.md")),
+            Section("Gap", (*_commands("gap", "validate"), "any_machine.md")),
+            Section("Identify", (*_commands("identify"), "own_robot.md")),
+            Section("Diagnose", (*_commands("diagnose", "calibrate", "evaluate"), "many_runs.md")),
+            Section("Tune", (*_commands("tune", "sensitivity"), "tuning.md")),
+            Section(
+                "Robot on a wire",
+                (
+                    *_commands("device", "link_check", "teleop", "link_fuzz"),
+                    *("hardware.md", "ros2_control.md"),
+                ),
+            ),
+            Section("Wheels of your own", (*_commands("wheel", "robot"), "wheels.md")),
+            Section("Python and learning", ("python.md", "learning.md")),
+            Section(
+                "This installation",
+                _commands("completion", "bench", "report_bug", "docs_serve", "docs_build"),
+            ),
         ),
     ),
     Section(
@@ -74,16 +104,27 @@ def navigation(pages: Iterable[str]) -> list[dict[str, object]]:
       pages: All pages, relative to the folder of the documentation.
     """
     known = set(pages) - {HOME}
-    filled = {section.title: list(_filled(section, known)) for section in SECTIONS}
-    placed = {page for found in filled.values() for page in found}
+    filled = {section.title: _filled(section, known) for section in SECTIONS}
+    placed = {page for section in SECTIONS for page in (*section.pages(), *_others(section, known))}
     filled[OTHERS] += sorted(known - placed)
     sections: list[dict[str, object]] = [{title: found} for title, found in filled.items() if found]
     return [{"Home": HOME}, *sections]
 
 
-def _filled(section: Section, known: set[str]) -> Iterator[str]:
-    """Pages of a section that exist, in order."""
-    yield from (page for page in section.pages if page in known)
-    if section.folder is not None:
-        rest = known - set(section.pages)
-        yield from sorted(page for page in rest if page.startswith(section.folder))
+def _filled(section: Section, known: set[str]) -> list[object]:
+    """Entries of a section that exist, in order; sections without pages are left out."""
+    found: list[object] = []
+    for entry in section.entries:
+        if isinstance(entry, Section):
+            below = _filled(entry, known)
+            found += [{entry.title: below}] if below else []
+        elif entry in known:
+            found.append(entry)
+    return [*found, *_others(section, known)]
+
+
+def _others(section: Section, known: set[str]) -> list[str]:
+    """Other pages of the section's folder."""
+    if section.folder is None:
+        return []
+    return sorted(page for page in known - set(section.pages()) if page.startswith(section.folder))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from pathlib import Path
@@ -14,12 +15,15 @@ from omnimj.recording.folder import check_folder
 _MARK = "index.html"
 
 
-def publish(folder: Path, force: bool, execute: bool, report: Report) -> SiteBuild:
+def publish(
+    folder: Path, force: bool, parser: argparse.ArgumentParser, execute: bool, report: Report
+) -> SiteBuild:
     """Build the site beside its folder and move it there when it is complete.
 
     Args:
       folder: Folder of the site, new or empty.
       force: Write into a folder that is not empty; the files of a site there are replaced, others are kept.
+      parser: Parser of `omnimj`, whose options the how-to pages list.
       execute: Whether to execute the tutorials, so that their results are shown.
       report: Called with what is being done and the share that is done.
 
@@ -34,7 +38,7 @@ def publish(folder: Path, force: bool, execute: bool, report: Report) -> SiteBui
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as work:
-            site = build_site(Path(work) / "site", execute, report)
+            site = build_site(Path(work) / "site", parser, execute, report)
             if site.warnings:
                 raise OmnimjError(f"omnimj docs: {'; '.join(site.warnings)}")
             _move(Path(work) / "site", folder)

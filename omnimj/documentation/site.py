@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 import os
 import tempfile
@@ -67,11 +68,12 @@ def require_generator() -> None:
             raise MissingLibrary("omnimj docs", package, "docs")
 
 
-def build_site(folder: Path, execute: bool, report: Report) -> SiteBuild:
+def build_site(folder: Path, parser: argparse.ArgumentParser, execute: bool, report: Report) -> SiteBuild:
     """Build the site into a folder.
 
     Args:
       folder: Folder that exists; its files are replaced.
+      parser: Parser of `omnimj`, whose options the how-to pages list.
       execute: Whether to execute the tutorials, so that their results are shown.
       report: Called with what is being done and the share that is done.
 
@@ -81,7 +83,7 @@ def build_site(folder: Path, execute: bool, report: Report) -> SiteBuild:
     """
     with tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
         sources = Path(work) / "pages"
-        pages = stage(sources, execute, report)
+        pages = stage(sources, parser, execute, report)
         report("building pages", 0.9)
         with _collected_warnings() as warnings:
             _build(Path(work) / "mkdocs.yml", site_settings(sources, folder, pages))

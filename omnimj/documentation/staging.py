@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import shutil
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import omnimj
 from omnimj.documentation.navigation import TUTORIALS
+from omnimj.documentation.options import HOWTO, commands_of, with_options
 from omnimj.documentation.reference import reference_pages
 from omnimj.resources import models_folder
 
@@ -28,11 +30,12 @@ def pages_elsewhere() -> dict[str, Path]:
     }
 
 
-def stage(sources: Path, execute: bool, report: Report) -> tuple[str, ...]:
+def stage(sources: Path, parser: argparse.ArgumentParser, execute: bool, report: Report) -> tuple[str, ...]:
     """Collect the sources of the site.
 
     Args:
       sources: Folder to make.
+      parser: Parser of `omnimj`, whose options the how-to pages list.
       execute: Whether to execute the tutorials.
       report: Called with what is being done and the share that is done.
 
@@ -48,6 +51,9 @@ def stage(sources: Path, execute: bool, report: Report) -> tuple[str, ...]:
     for name, text in reference_pages().items():
         (sources / name).parent.mkdir(exist_ok=True)
         (sources / name).write_text(text, encoding="utf-8")
+    for page in (sources / HOWTO).glob("*.md"):
+        text = with_options(page.read_text(encoding="utf-8"), commands_of(parser))
+        page.write_text(text, encoding="utf-8")
     for page in sources.rglob("*.md"):
         up = "../" * (len(page.relative_to(sources).parts) - 1)
         page.write_text(_with_links_in_site(page.read_text(encoding="utf-8"), up), encoding="utf-8")

@@ -40,10 +40,7 @@ laws, `sigma_0` the stiffness of any law."""
 
 
 COMPLIANCE = "creep_compliance"
-FLOOR_EXTRAS = (COMPLIANCE, "rolling_resistance", "roller_resistance", "roller_dry", "load_exponent")
-"""Numbers that effects add to a floor: to the creep ratio of LuGre per traction over load, to its resistance
-to the rolling of wheels and of rollers, to the dry friction of rollers on it, and to the exponent of the
-load, which turns about the load at rest."""
+"""Number that an effect adds to a floor: to the creep ratio of LuGre per traction over load."""
 _GRIP, _MOST_GRIP = 20.0, 3.0  # added to μ_c per compliance, and at most: creep is no sliding
 
 
@@ -64,7 +61,7 @@ def extend_floor(floor: Floor, extra: Mapping[str, float], load: float) -> Floor
 
     Args:
       floor: The floor.
-      extra: Key of `FLOOR_EXTRAS` → amount.
+      extra: Parameter of the floor, or `COMPLIANCE` → amount.
       load: Normal force about which an exponent of the load turns, if the floor states none [N].
 
     Raises:
@@ -197,7 +194,7 @@ class FloorChange:
     scale: dict[str, float] = field(default_factory=dict)
     """Scales by keys of `FLOOR_SCALES`."""
     extra: dict[str, float] = field(default_factory=dict)
-    """Amounts added to parameters, by keys of `FLOOR_EXTRAS`."""
+    """Amounts added to parameters of the floor, or to `COMPLIANCE`."""
 
     def multiply(self, key: str, scale: float) -> None:
         """Scale parameters of the floor, on top of earlier scales."""

@@ -16,6 +16,7 @@ from omnimj.effects.catalogue import effects_of, find_effect
 from omnimj.effects.effect import AXIS, Effect, Interval
 from omnimj.effects.machine import complete_values
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.mjcf_model import is_mjcf, read_model_tree
 from omnimj.parameters.model_file import SHARED_TABLES
 from omnimj.parameters.reading import parse_toml, read_toml
 from omnimj.resources import models_folder
@@ -31,9 +32,9 @@ def format_model(
 ) -> str:
     """Text of a model file with changed values and effects.
 
-    Comments, order and all else of the original are kept. Changed values get the source "identified"; for a
-    value of the parts file an overriding entry is added. A table `[effects.NAME]` of the original
-    is replaced where `effects` has the same name, and kept otherwise.
+    Comments, order and all else of the original are kept; of an MJCF file, the model file inside. Changed
+    values get the source "identified"; for a value of the parts file an overriding entry is added. A table
+    `[effects.NAME]` of the original is replaced where `effects` has the same name, and kept otherwise.
 
     Args:
       file: The model file to start from.
@@ -45,14 +46,15 @@ def format_model(
       InputError: A value out of bounds, or a file that cannot be edited.
       UnknownNameError: An effect, parameter or key that the model does not have.
     """
-    tree = read_toml(file)
+    tree = read_model_tree(file)
     plant = str(tree.get("plant"))
     known = effects_of(plant)
     parts_file = _parts_path(tree, file)
     has_parts = plant != AXIS and parts_file.is_file()
     parts = read_toml(parts_file) if has_parts else {}
     try:
-        document = tomlkit.parse(file.read_text(encoding="utf-8-sig"))
+        own = tomlkit.dumps(tree) if is_mjcf(file) else file.read_text(encoding="utf-8-sig")
+        document = tomlkit.parse(own)
         if has_parts and parts_file.parent != models_folder():
             document["parts"] = parts_file.absolute().as_posix()  # found from any folder
         for name, value in (changed or {}).items():

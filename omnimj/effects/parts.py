@@ -1,6 +1,6 @@
 """Changes that effects make to the joints, actuators, bodies and channels of a machine with an MJCF file.
 
-What MJCF can say is a change of a quantity of a part (`damping` of a joint); the rest are terms that the
+What MJCF can express is a change of a quantity of a part (`damping` of a joint); the rest are terms that the
 replay adds to the force balance of a joint or to the readings of a channel.
 """
 

@@ -93,7 +93,7 @@ class LeastSquares(Protocol[J]):
           residual: Residual r, as `residuals` returns it.
 
         Returns:
-          Shape (n + 1, n + 1).
+          Shape (n + 1, n + 1), for n parameters.
         """
         ...
 

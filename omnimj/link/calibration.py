@@ -112,10 +112,6 @@ class WheelMap:
         wheels = range(1, len(self.channels) + 1)
         return CurrentCommand(np.array(own), tuple(w for w in wheels if brake >> self.channels[w - 1] & 1))
 
-    def host_wheel(self, wheel: int) -> int:
-        """Host's number 1…n of the device's wheel; 0 stays 0."""
-        return self.channels.index(wheel - 1) + 1 if wheel else 0
-
 
 class Calibration:
     """Conversion of raw readings into measurements, with the state of filters and counters."""

@@ -9,8 +9,9 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.mjcf_model import read_model_tree
 from omnimj.parameters.model_file import EffectValues, read_effects
-from omnimj.parameters.reading import Provenance, positive, quantity, read_table, read_toml
+from omnimj.parameters.reading import Provenance, positive, quantity, read_table
 from omnimj.resources import models_folder
 
 
@@ -127,7 +128,7 @@ def read_axis(path: Path | None = None) -> Axis:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = models_folder() / "linear_axis" / "axis.toml" if path is None else path
-    own = read_toml(path)
+    own = read_model_tree(path)
     if own.get("plant") != Axis.plant:
         raise InputError(
             f"{path}: plant", f"found {own.get('plant')!r}", f"this file must say {Axis.plant!r}"

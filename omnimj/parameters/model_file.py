@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.mjcf_model import read_model_tree
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, Rule, check_number, read_provenance, read_table, read_toml
 from omnimj.resources import models_folder
@@ -97,7 +98,7 @@ def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> Mode
     """Read the model file of a plant and the parts file that it names, beside it or else shipped.
 
     Args:
-      path: The model file.
+      path: The model file, or an MJCF file that holds one.
       plant: Kind of plant that the file must describe.
       own_tables: Tables specific to this plant.
 
@@ -105,7 +106,7 @@ def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> Mode
       InputError: Wrong plant, or a parts file that does not exist.
       UnknownNameError: A table that this plant, or the parts, do not have.
     """
-    own = read_toml(path)
+    own = read_model_tree(path)
     if own.get("plant") != plant:
         raise InputError(f"{path}: plant", f"found {own.get('plant')!r}", f"this file must say {plant!r}")
     name = own.get("parts", "parts.toml")

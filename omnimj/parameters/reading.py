@@ -223,18 +223,7 @@ def read_toml(path: Path) -> dict[str, Any]:
       InputError: The file is missing, cannot be read, is too large, no regular file or not TOML; the message
         names file and line.
     """
-    try:
-        content = _read_regular_file(path)
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(path, "no such file") from None
-    except IsADirectoryError:
-        raise InputError(path, "is a folder", "a TOML file is needed") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from None
-    except ValueError:  # a null byte
-        raise InputError(path, "is not a valid file name") from None
+    content = read_regular_file(path, "a TOML file")
     try:
         # a TOML file has no byte order mark, but some editors write one
         return parse_toml(content.decode("utf-8-sig"))
@@ -247,13 +236,31 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(path, "is not valid TOML", str(error)) from None
 
 
-def _read_regular_file(path: Path) -> bytes:
+def read_regular_file(path: Path, needed: str) -> bytes:
     """Read a file of limited size; a pipe or a device might never end, or never begin.
 
+    Args:
+      path: Path of the file.
+      needed: What is needed in the place of a folder, such as `a TOML file`.
+
     Raises:
-      InputError: The file is too large or no regular file.
-      OSError: It cannot be read.
+      InputError: The file is missing, cannot be read, is too large or no regular file.
     """
+    try:
+        return _read_regular_file(path)
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(path, "no such file") from None
+    except IsADirectoryError:
+        raise InputError(path, "is a folder", f"{needed} is needed") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from None
+    except ValueError:  # a null byte
+        raise InputError(path, "is not a valid file name") from None
+
+
+def _read_regular_file(path: Path) -> bytes:
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar
 
+from omnimj.display import Displayed
 from omnimj.errors import InputError
 from omnimj.parameters.model_file import EffectValues, model_path, read_effects, read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
@@ -57,7 +58,7 @@ class RigBody:
 
 
 @dataclass(frozen=True)
-class Rig:
+class Rig(Displayed):
     """All constants of the quarter test rig."""
 
     plant: ClassVar[str] = "quarter_rig"

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from omnimj.display import Displayed
 from omnimj.errors import InputError
 from omnimj.parameters.hardware import Hardware, read_hardware
 from omnimj.parameters.model_file import EffectValues, model_path, read_effects, read_model_file
@@ -83,7 +84,7 @@ class Control:
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Displayed):
     """All constants of a robot with n wheels."""
 
     plant: ClassVar[str] = "uto_robot"

@@ -166,7 +166,7 @@ def blend_friction(low, high, direction):
 
 
 def packed(parameters: tuple) -> np.ndarray:
-    """Numbers of a (nested) NamedTuple in one row, as kernels that read rows expect them."""
+    """Numbers of a NamedTuple, nested by one level at most, in one row for kernels; shape (numbers,)."""
     flat: list[float] = []
     for part in parameters:
         flat += part if isinstance(part, tuple) else (part,)

@@ -34,7 +34,7 @@ class Plant(Protocol):
         ...
 
     def truth(self) -> Array:
-        """True values at the time of the last measurement, aligned with `truth_names`."""
+        """True values at the time of the last measurement by `truth_names`, shape (len(truth_names),)."""
         ...
 
     def close(self) -> None:

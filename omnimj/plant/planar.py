@@ -228,7 +228,7 @@ class PlanarRobot(StagedPlant):
 
     @compiled_in("planar")
     def truth(self) -> Array:
-        """True pose, twist, slip velocity, normal and traction force, aligned with `truth_names`."""
+        """True pose, twist, slip velocity, normal and traction force by `truth_names`, shape (6 + 3 n,)."""
         row = np.empty(len(self.truth_names))
         write_planar_truth(self._arrays, row)
         return row

@@ -211,7 +211,10 @@ class PlanarRig(StagedPlant):
 
     @compiled_in("planar_rig")
     def truth(self) -> Array:
-        """True values aligned with `truth_names`; positions count from the start, the body does not tilt."""
+        """True values by `truth_names`, shape (len(truth_names),).
+
+        Positions count from the start, and the body does not tilt.
+        """
         row = np.empty(len(self.truth_names))
         write_planar_rig_truth(self._arrays, row)
         return row

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.display import Displayed
 from omnimj.errors import InputError
 from omnimj.signals import Array, to_frame
 
@@ -164,7 +165,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Dataset:
+class Dataset(Displayed):
     """Checked content of a folder of measured runs of one plant."""
 
     path: Path

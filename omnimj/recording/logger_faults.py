@@ -60,12 +60,16 @@ def burst_share(time: Array) -> float:
 
 
 def has_bursts(time: Array) -> bool:
-    """True if samples arrive in bursts, so that their times are those of arrival."""
+    """True if samples arrive in bursts, so that their times are those of arrival.
+
+    Args:
+      time: Strictly increasing times, shape (n,) [s].
+    """
     return burst_share(time) > _BURSTS
 
 
 def with_edges(mask: Mask) -> Mask:
-    """Mask the samples beside masked ones, too, as beside a gap: the next one may cover the whole pause."""
+    """Mask with the neighbours of masked samples, shape (n,): the next one may cover the whole pause."""
     wider = mask.copy()
     wider[1:] |= mask[:-1]
     wider[:-1] |= mask[1:]
@@ -85,7 +89,7 @@ def mask_logger_faults(runs: Sequence[Run]) -> tuple[list[dict[str, Mask]], list
       runs: Runs in SI units under the names of omnimj.
 
     Returns:
-      Masks by column for each run, and one note per fault.
+      Masks by column for each run, shape (samples of the run,) each, and one note per fault.
     """
     found: list[dict[str, Mask]] = [{} for _ in runs]
     notes = []

@@ -284,7 +284,7 @@ def _gap_note(run: Run, after: NDArray[np.int64]) -> str:
 
 
 def _rate_note(run: Run) -> tuple[str, ...]:
-    """Say that the rate of a run changes; a steady rate with gaps, or one that only varies, has no note."""
+    """Note that the rate of a run changes; a steady rate with gaps, or one that only varies, has no note."""
     steps = np.array([np.median(part) for part in np.array_split(np.diff(run.time), _PARTS)])
     if steps.max() < _MIXED * steps.min():
         return ()

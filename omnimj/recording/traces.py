@@ -24,7 +24,7 @@ def write_trace(path: Path, trace: Trace) -> None:
     """Write a trace, in full or not at all.
 
     Columns keep all bits, and `about` is stored as JSON in the metadata of the file. The columns have a
-    checksum beside those of the pages, which exclude the headers that say how a page is to be read.
+    checksum beside those of the pages, which exclude the headers that describe how to read a page.
 
     Args:
       path: File to write; overwritten if it exists.

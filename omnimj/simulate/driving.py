@@ -47,7 +47,7 @@ class ControllerState(Protocol):
 
     @property
     def log(self) -> Array:
-        """Logged values of the last step, aligned with the controller's `log_names`."""
+        """Logged values of the last step by the controller's `log_names`, shape (len(log_names),)."""
         ...
 
     @property

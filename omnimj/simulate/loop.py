@@ -72,7 +72,7 @@ class Policy(Protocol):
 
         Args:
           measurement: Newest measurement of the plant.
-          row: Row to fill: the columns of `names` at its beginning, those of `target_names` at its end.
+          row: Row to fill, shape (columns,): those of `names` at its beginning, of `target_names` at its end.
         """
         ...
 

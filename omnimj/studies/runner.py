@@ -172,7 +172,7 @@ def read_json(path: Path) -> dict[str, Any] | None:
 def run_guarded(trial: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
     """Return the JSON result of a trial; an exception becomes `{"error": …}` with its place in the code.
 
-    Everything is caught, programming errors too: trials draw machines at random that nobody has seen, and a
+    Everything is caught, programming errors too: trials draw unseen machines at random, and a
     study of hours must keep the others, each failure counted and reported with its kind.
     """
     try:

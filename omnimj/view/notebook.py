@@ -7,8 +7,9 @@ every text; a plot is one of the report's.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import singledispatch
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +24,13 @@ from omnimj.estimate.gap.records import Finding, overlays_by_run, run_gaps, typi
 from omnimj.estimate.identification.records import Identification, Validation
 from omnimj.estimate.robot.files import excitation_lines, summary
 from omnimj.estimate.robot.records import RobotIdentification
+from omnimj.parameters import Rig, Robot
+from omnimj.recording.dataset import Dataset
 from omnimj.signals import Trace
 from omnimj.simulate.run import RunResult
+from omnimj.studies.evaluation.study import EvaluationResult
+from omnimj.studies.tuning.reporting import format_verdict
+from omnimj.studies.tuning.study import TuningResult
 from omnimj.view import palette, wording
 from omnimj.view.diagnosis_words import (
     describe_confidence,
@@ -43,10 +49,12 @@ from omnimj.view.plots.robot_numbers import identified_numbers
 from omnimj.view.report import finding_tables
 from omnimj.view.report.diagnosis import run_section
 from omnimj.view.report.drives import drive_figures, groups_table
+from omnimj.view.report.evaluation import evaluation_figures, plain_text
 from omnimj.view.report.gap import gap_verdict, location_figures, rounds, size_figures, traction_figures
 from omnimj.view.report.identification import floor_figures, parameters_table
 from omnimj.view.report.page import Figure, Table, number, plot, render_part, table
 from omnimj.view.report.run import checks_table, run_figures, run_verdict
+from omnimj.view.report.tuning import tuning_figures, tuning_tables
 from omnimj.view.report.validation import overlays
 
 _MOST_RUNS = 30  # rows of a table
@@ -342,3 +350,77 @@ def _(record: DriveValidation) -> Summary:
 def _(record: DriveValidation) -> list[Figure]:
     floors = tuple(dict.fromkeys(group.floor for group in record.groups))
     return [figure for floor in floors for figure in drive_figures(record, floor)]
+
+
+@summarize.register
+def _(record: EvaluationResult) -> Summary:
+    lines = [plain_text(line) for line in record.lines]
+    if record.interrupted:
+        lines.append("Ended early: interrupted")
+    tables = [table(one.rows, one.head) for one in record.tables if one.rows]
+    return Summary(plain_text(record.heading), f"{len(record.scores)} cases", lines=lines, tables=tables)
+
+
+@figures.register
+def _(record: EvaluationResult) -> list[Figure]:
+    return [figure for row in evaluation_figures(record) for figure in row]
+
+
+@summarize.register
+def _(record: TuningResult) -> Summary:
+    scenarios = ", ".join(Path(text).stem for text in record.config.scenarios)
+    line = f"{len(record.tried)} candidates on {scenarios}, plant {record.config.plant}"
+    kind = "good" if record.is_better else "bad"
+    tables = [one for _, one in tuning_tables(record)]
+    return Summary("Tuned gains", format_verdict(record), kind, [line], tables)
+
+
+@figures.register
+def _(record: TuningResult) -> list[Figure]:
+    return tuning_figures(record)
+
+
+@summarize.register
+def _(record: Dataset) -> Summary:
+    rows = [
+        (
+            run.name,
+            ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in run.conditions.items()),
+            number(f"{len(run.time)}"),
+            number(f"{run.time[-1] - run.time[0]:.4g} s" if len(run.time) else "–"),
+        )
+        for run in record.runs[:_MOST_RUNS]
+    ]
+    left = len(record.runs) - len(rows)
+    lines = [*record.notes, *([f"… and {left} more runs"] if left > 0 else [])]
+    found = table(rows, ("run", "conditions", "samples", "duration"))
+    return Summary(
+        f"Dataset {record.path.name}", f"{len(record.runs)} runs of {record.plant}", "plain", lines, [found]
+    )
+
+
+@summarize.register(Robot)
+@summarize.register(Rig)
+def _(record: Robot | Rig) -> Summary:
+    rows = [
+        (name.replace("_", " "), number(_shown(record, name)), _unit(origin.unit), origin.source)
+        for name, origin in record.provenance.items()
+    ]
+    line = f"read from {record.file}"
+    found = table(rows, ("quantity", "value", "unit", "source"))
+    return Summary(f"Constants of {record.plant}", f"{len(rows)} quantities", lines=[line], tables=[found])
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _shown(record: Robot | Rig, name: str) -> str:
+    """Value of a quantity, by its key in `provenance`."""
+    value: Any = record
+    for key in name.split("."):
+        if isinstance(value, tuple) and key.isdigit():
+            value = value[int(key) - 1]
+        else:
+            value = value[key] if isinstance(value, Mapping) else getattr(value, key)
+    return ", ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else f"{value:g}"

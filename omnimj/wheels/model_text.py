@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
+import tomllib
+from xml.sax.saxutils import quoteattr
 
 from omnimj.errors import InputError
+from omnimj.wheels.ring import OMNI
 from omnimj.wheels.robot import WheeledRobot
 
 _ROLLERS = 18  # of the twin's wheel, in two rows
@@ -21,10 +25,10 @@ def model_text(robot: WheeledRobot) -> str:
     Raises:
       InputError: The wheels have other rollers than the twin's wheel.
     """
+    reason = _no_twin(robot)
+    if reason:
+        raise InputError("robot: wheel", *reason)
     wheel = robot.wheel
-    if wheel.count != _ROLLERS or wheel.rows > 2:
-        found = f"{wheel.count} rollers in {wheel.rows} rows"
-        raise InputError("robot: wheel", f"has {found}", "the twin's wheel has 18, in two rows of nine")
     count = len(robot.mounts)
     share = robot.mass / count / _SHARE
     values = [
@@ -63,6 +67,29 @@ def model_text(robot: WheeledRobot) -> str:
         f"# {robot.layout}: geometry and masses are given; motor, bearings, sensors and gains are chosen.\n"
     )
     return f'{head}plant = "uto_robot"\nparts = "parts.toml"\n\n' + "\n\n".join(tables) + "\n"
+
+
+def twin_text(robot: WheeledRobot) -> str:
+    """Write the element of an MJCF file with which `omnimj run --model` takes the file itself as a model.
+
+    It holds the tables of `model_text` as JSON, or the reason for which there is no twin.
+    """
+    reason = _no_twin(robot)
+    tables = {"no_twin": "; ".join(reason)} if reason else tomllib.loads(model_text(robot))
+    return f'<custom>\n  <text name="omnimj_robot" data={quoteattr(json.dumps(tables))}/>\n</custom>\n'
+
+
+def _no_twin(robot: WheeledRobot) -> tuple[str, ...]:
+    """What of a robot the twin has not, and what it has; empty where it has all.
+
+    The twin's mecanum wheel has the radius and the angle of any other, and its own number of rollers, which
+    shows in the ripple of the hub alone.
+    """
+    wheel = robot.wheel
+    if wheel.roller_angle != OMNI or (wheel.count == _ROLLERS and wheel.rows <= 2):
+        return ()
+    found = f"{wheel.count} rollers in {wheel.rows} rows"
+    return f"has {found}", "the twin's wheel has 18, in two rows of nine"
 
 
 def _table(heading: str, values: list[tuple[str, float, str]]) -> str:

@@ -88,10 +88,11 @@ def room_between(radius: float, roller_radius: float, angle: float, in_row: int,
     return float(np.max(2.0 * ((radius - roller_radius) * math.sin(phi) * np.cos(_SEPARATING) - support)))
 
 
-def mean_projection(turn: float) -> float:
-    """Mean sin(θ)/θ of cos θ between hand-overs at ±θ.
+def middle_projection(turn: float) -> float:
+    """Factor 2 cos θ/(1 + cos θ), the inverse of the middle of the range of 1/cos θ between hand-overs at ±θ.
 
-    A roller that is tilted by θ lies at atan(tan γ cos θ) to the axle as seen from above, so that tan γ is on
-    average smaller by this factor.
+    A roller that is tilted by θ lies at atan(tan γ cos θ) to the axle as seen from above: its cotangent, by
+    which a wheel drives sideways, is larger by 1/cos θ. Built with a cotangent smaller by this factor, the
+    wheel has cotangents within cot γ (1 ± tan² θ/2), the narrowest range there is.
     """
-    return math.sin(turn) / turn
+    return 2.0 * math.cos(turn) / (1.0 + math.cos(turn))

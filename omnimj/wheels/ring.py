@@ -28,7 +28,7 @@ class RollerRing:
     rows: int
     """Number of rows."""
     roller_angle: float
-    """Mean angle γ between roller axis and axle, as seen from above [rad]."""
+    """Angle γ between roller axis and axle, as seen from above between hand-overs [rad]."""
 
     @property
     def count(self) -> int:
@@ -37,15 +37,16 @@ class RollerRing:
 
     @property
     def mounted_angle(self) -> float:
-        """Angle γ_m between roller axis and axle as built [rad]: tan γ_m = tan γ · θ/sin θ, θ = π/N.
+        """Angle γ_m between roller axis and axle as built [rad].
 
-        Between hand-overs a roller tilts by up to θ, and its angle as seen from above shrinks on average
-        by `outline.mean_projection`; built like this, the wheel's mean kinematics are those of γ.
+        cot γ_m = cot γ · 2 cos θ/(1 + cos θ) with θ = π/N.
+        Between hand-overs a roller tilts by up to θ, and its angle as seen from above shrinks with it; built
+        like this, the angles seen lie around γ, see `outline.middle_projection`.
         """
         if self.roller_angle == OMNI:
             return OMNI
         s, c = math.sin(self.roller_angle), math.cos(self.roller_angle)
-        return math.atan2(s, c * outline.mean_projection(math.pi / self.count))
+        return math.atan2(s, c * outline.middle_projection(math.pi / self.count))
 
     @property
     def half_length(self) -> float:

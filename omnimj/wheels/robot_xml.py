@@ -6,6 +6,7 @@ import math
 
 from omnimj.errors import UnknownNameError
 from omnimj.wheels.contact import SolverContact, solver_contact
+from omnimj.wheels.model_text import twin_text
 from omnimj.wheels.robot import WheeledRobot
 from omnimj.wheels.wheel_xml import (
     FLOOR,
@@ -32,7 +33,7 @@ def robot_file(
     bare: bool = False,
     command: str = "",
 ) -> str:
-    """Write an MJCF file of a robot on a floor.
+    """Write an MJCF file of a robot on a floor, which omnimj takes as a model file, too.
 
     Args:
       robot: Robot to write.
@@ -60,7 +61,7 @@ def robot_file(
     <flag island="disable"/>
   </option>
   <statistic center="0 0 {numbers(radius)}" extent="{numbers(size)}"/>
-{indented(SURROUNDINGS + made_by(command), 2)}
+{indented(SURROUNDINGS + made_by(command) + twin_text(robot), 2)}
 
   <default>
 {indented(roller_defaults(robot.wheel, contact, in_pairs), 4)}

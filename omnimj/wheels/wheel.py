@@ -155,7 +155,7 @@ def omni_wheel(
 
 def mecanum_wheel(
     radius: float = 0.05,
-    rollers: int = 18,
+    rollers: int = 20,
     roller_angle: float = MECANUM,
     roller_radius: float | None = None,
     mass: float | None = None,
@@ -166,13 +166,13 @@ def mecanum_wheel(
       radius: Radius over the rollers [m].
       rollers: Rollers around the wheel.
       roller_angle: Angle between roller axis and axle [rad].
-      roller_radius: Largest radius of a roller [m]; 0.1 of the wheel's when None.
+      roller_radius: Largest radius of a roller [m]; 0.09 of the wheel's when None.
       mass: Mass with rollers [kg]; that of a cube of 2800 kg/m³ on the radius when None.
 
     Raises:
       InputError: As in `RollerWheel`.
     """
-    return _in_proportion(radius, rollers, 1, roller_angle, 0.1, roller_radius, None, mass)
+    return _in_proportion(radius, rollers, 1, roller_angle, 0.09, roller_radius, None, mass)
 
 
 def _in_proportion(

@@ -144,7 +144,7 @@ def describe(wheel: RollerWheel) -> tuple[str, ...]:
         angle, built = (math.degrees(a) for a in (wheel.roller_angle, wheel.mounted_angle))
         lines.append(
             f"Rollers lie at {built:.4g}° to the axle; a tilted one shows a smaller angle from above, "
-            f"and the mean over a turn is {angle:.4g}°."
+            f"and {angle:.4g}° is in the middle of what a turn shows."
         )
     return tuple(lines)
 

@@ -16,7 +16,7 @@ def built(monkeypatch):
     """Records what is to be built, in place of building it."""
     asked = []
 
-    def build(folder, execute, report):
+    def build(folder, parser, execute, report):
         folder.mkdir()
         (folder / "index.html").write_text("<p>home</p>")
         asked.append(execute)

@@ -73,7 +73,7 @@ def _code(argv):
         return ended.code
 
 
-def test_a_device_that_does_not_answer_fails_the_check(capsys):
+def test_a_device_that_does_not_answer_ends_the_check_with_its_own_code(capsys):
     code, found = checked(capsys, "udp:127.0.0.1:9", "--yes", "--on-floor", "--json")
-    assert code == 1
+    assert code == 3
     assert "does not answer" in found["steps"][-1]["found"] and found["steps"][-1]["ok"] is False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from omnimj.cli.main import make_parser
 from omnimj.documentation.site import SiteBuild, build_site
 
 
@@ -13,4 +14,4 @@ def silent(_phrase: str, _share: float) -> None:
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory) -> SiteBuild:
-    return build_site(tmp_path_factory.mktemp("documentation") / "site", False, silent)
+    return build_site(tmp_path_factory.mktemp("documentation") / "site", make_parser(), False, silent)

@@ -51,7 +51,7 @@ def tutorial(tmp_path):
 
 def test_all_six_tutorials_are_there_in_the_order_of_the_navigation():
     (section,) = (one for one in SECTIONS if one.title == "Tutorials")
-    assert {f"tutorials/{path.name}" for path in TUTORIALS} == set(section.pages)
+    assert {f"tutorials/{path.name}" for path in TUTORIALS} == set(section.pages())
 
 
 @pytest.mark.parametrize("path", by_name(TUTORIALS))

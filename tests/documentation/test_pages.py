@@ -8,7 +8,6 @@ import tomllib
 
 import pytest
 
-from omnimj.cli.main import GROUPS
 from omnimj.documentation.staging import DOCS, pages_elsewhere
 
 PAGES = [*sorted(DOCS.rglob("*.md")), *pages_elsewhere().values()]
@@ -38,9 +37,3 @@ def test_fences_come_in_pairs_and_a_page_begins_with_its_title(page):
     text = page.read_text(encoding="utf-8")
     assert len(re.findall(r"^```", text, flags=re.MULTILINE)) % 2 == 0
     assert re.match(r"(?:---\n.*?\n---\n+)?# \S", text, flags=re.DOTALL)
-
-
-@pytest.mark.parametrize("command", [command.name for group in GROUPS.values() for command in group])
-def test_every_command_is_in_the_table_of_commands(command):
-    text = (DOCS / "commands.md").read_text(encoding="utf-8")
-    assert re.search(rf"^\|.*`omnimj {command}\b", text, flags=re.MULTILINE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import http.client
 import threading
 
@@ -14,6 +15,8 @@ from omnimj.documentation.server import open_server
 from omnimj.documentation.site import SiteBuild
 from omnimj.errors import InputError, OmnimjError, OutputError
 
+PARSER = argparse.ArgumentParser()
+
 
 def silent(_phrase: str, _share: float) -> None:
     pass
@@ -24,7 +27,7 @@ def quick(monkeypatch):
     """A site of two files is built in place of the whole one; its warnings can be given."""
     warnings: list[str] = []
 
-    def build(folder, execute, report):
+    def build(folder, parser, execute, report):
         (folder / "assets").mkdir(parents=True)
         (folder / "assets" / "style.css").write_text("body {}")
         (folder / "index.html").write_text("x" * 10_000)
@@ -35,7 +38,7 @@ def quick(monkeypatch):
 
 
 def test_a_site_goes_into_a_new_folder_with_its_parents(quick, tmp_path):
-    site = publish(tmp_path / "deep" / "site", False, False, silent)
+    site = publish(tmp_path / "deep" / "site", False, PARSER, False, silent)
     assert site.folder == tmp_path / "deep" / "site"
     assert {path.name for path in site.folder.iterdir()} == {"assets", "index.html"}
     assert [path.name for path in site.folder.parent.iterdir()] == ["site"], "nothing is left beside it"
@@ -43,26 +46,26 @@ def test_a_site_goes_into_a_new_folder_with_its_parents(quick, tmp_path):
 
 def test_force_replaces_a_site_and_keeps_what_else_is_there(quick, tmp_path):
     folder = tmp_path / "site"
-    publish(folder, False, False, silent)
+    publish(folder, False, PARSER, False, silent)
     (folder / "CNAME").write_text("mine")
     (folder / "assets" / "old.css").write_text("old")
     with pytest.raises(InputError, match="is not empty"):
-        publish(folder, False, False, silent)
-    publish(folder, True, False, silent)
+        publish(folder, False, PARSER, False, silent)
+    publish(folder, True, PARSER, False, silent)
     assert (folder / "CNAME").read_text() == "mine" and not (folder / "assets" / "old.css").exists()
 
 
 def test_a_warning_of_the_generator_leaves_nothing_behind(quick, tmp_path):
     quick.append("page a.md links to b.md, which is not there")
     with pytest.raises(OmnimjError, match=r"^omnimj docs: page a.md links to b.md"):
-        publish(tmp_path / "site", False, False, silent)
+        publish(tmp_path / "site", False, PARSER, False, silent)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_leaves_nothing_behind(quick, tmp_path):
     refusal = r"^--out .*site: cannot be written, file too large"
     with no_file_beyond(5_000), pytest.raises(OutputError, match=refusal):
-        publish(tmp_path / "site", False, False, silent)
+        publish(tmp_path / "site", False, PARSER, False, silent)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -64,7 +64,7 @@ def test_every_page_is_once_in_the_navigation_even_one_that_no_section_names():
         for one in entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ():
             yield from leaves(one)
 
-    named = [page for section in SECTIONS for page in section.pages]
+    named = [page for section in SECTIONS for page in section.pages()]
     known = [HOME, *named, "a_page_of_tomorrow.md", "tutorials/another.md"]
     assert sorted(leaves(navigation(known))) == sorted(known)
     (tutorials,) = (one["Tutorials"] for one in navigation(known) if "Tutorials" in one)

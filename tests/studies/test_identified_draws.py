@@ -12,7 +12,7 @@ from omnimj.effects.model_writer import format_model
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
 from omnimj.resources import models_folder
-from omnimj.studies.evaluation.cases import CasePopulation, draw_case, nominal_scenario, require_four_wheels
+from omnimj.studies.evaluation.cases import CasePopulation, draw_cases, nominal_scenario, require_four_wheels
 from omnimj.studies.evaluation.trial import make_true_plant
 from omnimj.studies.random_truth import BOUNDS, draw_parameter_errors, true_robot
 
@@ -70,12 +70,13 @@ def test_the_true_robot_keeps_what_was_identified_of_each_wheel(file):
 
 def test_a_case_of_an_identified_robot_has_its_constants(file, tmp_path):
     population = CasePopulation("manoeuvres", 100, faults=("none",), model=file, structure="drawn")
-    case = draw_case(population, 3)
+    case = draw_cases(population, [3])[0]
     scenario = nominal_scenario(case)
     assert scenario.robot.body.mass == pytest.approx(17.0)
     plant = make_true_plant(case, scenario, ())
     plant.close()
-    assert case.to_dict()["model"] == str(file) and "model" not in draw_case(CasePopulation(), 0).to_dict()
+    assert case.to_dict()["model"] == str(file)
+    assert "model" not in draw_cases(CasePopulation(), [0])[0].to_dict()
     assert len(population.plan()["model"]["sha256"]) == 16
     assert CasePopulation(model=Path("uto_robot")).plan()["model"]["file"].endswith("robot.toml")
     with pytest.raises(InputError, match=r"has 3 \[\[wheels\]\].*4 wheels"):

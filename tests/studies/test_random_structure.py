@@ -11,7 +11,7 @@ import pytest
 from omnimj.effects import apply_effects
 from omnimj.parameters import read_robot
 from omnimj.signals import CurrentCommand
-from omnimj.studies.evaluation.cases import PLANTS, CasePopulation, draw_case, nominal_scenario
+from omnimj.studies.evaluation.cases import PLANTS, CasePopulation, draw_cases, nominal_scenario
 from omnimj.studies.evaluation.trial import make_true_plant
 from omnimj.studies.random_structure import (
     COGGING,
@@ -65,7 +65,7 @@ def test_a_gear_driven_backwards_loses_up_to_the_least_efficiency_or_gains_at_mo
 
 
 def test_the_structure_reaches_the_true_robot_and_leaves_the_nominal_one_alone():
-    case = draw_case(CasePopulation("missions", 100, structure=DRAWN), 1)
+    case = draw_cases(CasePopulation("missions", 100, structure=DRAWN), [1])[0]
     structure = case.structure
     assert structure is not None
     payload = case.errors.payload * NOMINAL_ROBOT.body.mass
@@ -88,7 +88,7 @@ def test_the_structure_reaches_the_true_robot_and_leaves_the_nominal_one_alone()
 
 @pytest.mark.parametrize("plant", PLANTS)
 def test_both_plants_stand_on_four_wheels_with_the_heaviest_and_the_lightest_robot(plant):
-    case = draw_case(CasePopulation("manoeuvres", 100, structure=DRAWN), 0)
+    case = draw_cases(CasePopulation("manoeuvres", 100, structure=DRAWN), [0])[0]
     for payload in (PAYLOAD, -PAYLOAD):
         errors = dataclasses.replace(case.errors, payload=payload)
         loaded = dataclasses.replace(case, plant=plant, errors=errors)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -20,7 +21,8 @@ from omnimj.diagnosis.replay import DiagnosedRuns, RunDiagnosis
 from omnimj.errors import UnknownNameError
 from omnimj.estimate.drives.records import DrivenRun, DriveValidation, Group, Motion, RunNumbers
 from omnimj.estimate.robot.records import RobotEstimate, RobotIdentification, Unexcited
-from omnimj.parameters import read_robot
+from omnimj.parameters import read_rig, read_robot
+from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Diagnosis, Trace
 from omnimj.simulate.run import RunResult
 from omnimj.view import notebook
@@ -133,6 +135,23 @@ def test_a_trace_shows_its_columns_those_of_the_wheels_together(robot_trace):
     assert Trace({"time": np.empty(0), "x": np.empty(0)})._repr_html_()
 
 
+def dataset() -> Dataset:
+    columns = {"time": np.arange(5.0)}
+    runs = tuple(Run(f"run_{k}", columns, {}, {"floor": HOSTILE, "mass": 20.0}) for k in range(40))
+    return Dataset(Path("logs"), "quarter_rig", runs, (HOSTILE,))
+
+
+def test_a_dataset_shows_its_runs_and_constants_their_units_and_sources():
+    text = dataset()._repr_html_()
+    assert "40 runs of quarter_rig" in text and "and 10 more runs" in text and "mass 20.0" in text
+    for machine in (read_robot(), read_rig()):
+        text = machine._repr_html_()
+        assert f"{len(machine.provenance)} quantities" in text and "datasheet" in text
+        cells = re.findall(r"<td[^>]*>([^<]*)</td>", text)
+        at = cells.index("wheel.radius")
+        assert cells[at : at + 4] == ["wheel.radius", "0.05", "m", "chosen"]
+
+
 def records(run, robot_trace) -> list[Any]:
     one = diagnosed(robot_trace, HOSTILE)
     finding = dataclasses.replace(made_findings.rig_named(), dataset=HOSTILE, reason=HOSTILE)
@@ -147,6 +166,8 @@ def records(run, robot_trace) -> list[Any]:
         dataclasses.replace(calibration(), floors=(HOSTILE,)),
         dataclasses.replace(robot_numbers(), dataset=Path(HOSTILE.replace("/", "")), notes=(HOSTILE,)),
         dataclasses.replace(drives(), notes=(HOSTILE,)),
+        dataset(),
+        dataclasses.replace(read_robot(), file=Path(HOSTILE)),
     ]
 
 

@@ -107,11 +107,16 @@ def test_mirrored_rollers_have_the_same_outline_and_room():
         assert getattr(other, name) == pytest.approx(getattr(wheel, name), rel=1e-9)
 
 
-def test_the_mean_angle_of_the_rollers_over_a_turn_is_the_stated_one():
+def test_the_stated_cotangent_is_in_the_middle_of_what_the_rollers_show_over_a_turn():
+    """By projecting the axis of a turning roller; its cotangents are within 1 ± tan² of a quarter pitch."""
     wheel = mecanum_wheel(rollers=12, roller_radius=0.006, roller_angle=math.radians(40.0))
-    turns = np.linspace(-math.pi / wheel.count, math.pi / wheel.count, 2001)
-    seen = np.tan(wheel.mounted_angle) * np.cos(turns)
-    assert seen.mean() == pytest.approx(math.tan(math.radians(40.0)), rel=1e-4)
+    s, c = math.sin(wheel.mounted_angle), math.cos(wheel.mounted_angle)
+    seen = []
+    for turn in np.linspace(-math.pi / wheel.count, math.pi / wheel.count, 201):
+        ahead, axial, _ = turned(np.array([[s, c, 0.0]]), turn)[0]
+        seen.append(axial / ahead)
+    stated, ripple = 1.0 / math.tan(math.radians(40.0)), math.tan(0.5 * math.pi / wheel.count) ** 2
+    assert [min(seen), max(seen)] == pytest.approx([stated * (1.0 - ripple), stated * (1.0 + ripple)])
 
 
 def test_the_inertia_of_a_roller_is_that_of_its_sampled_volume():

@@ -118,7 +118,7 @@ class CascadeState(NamedTuple):
     creep: Array
     """r φ̇ beyond rolling by the feed-forward of creep, shape (n,) [m/s]."""
     log: Array
-    """Signals of the last step, aligned with `Controller.log_names`."""
+    """Signals of the last step by `Controller.log_names`, shape (len(log_names),)."""
 
 
 class ControlState:
@@ -155,7 +155,7 @@ class ControlState:
 
     @property
     def log(self) -> Array:
-        """Signals of the last step, aligned with `Controller.log_names`."""
+        """Signals of the last step by `Controller.log_names`, shape (len(log_names),)."""
         return self.record["log"][0]
 
     @property

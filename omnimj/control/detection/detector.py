@@ -85,7 +85,7 @@ class DetectorState(Protocol):
 
     @property
     def log(self) -> Array:
-        """Signals of the last step, aligned with the detector's `log_names`."""
+        """Signals of the last step by the detector's `log_names`, shape (len(log_names),)."""
         ...
 
     @property

@@ -60,7 +60,7 @@ class RecoveryState(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Signals of the last step, aligned with `Recovery.log_names`."""
+        """Signals of the last step by `Recovery.log_names`, shape (len(log_names),)."""
         log = np.empty(len(Recovery.log_names))
         _fill_log(self.record, log)
         return log

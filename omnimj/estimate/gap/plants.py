@@ -27,8 +27,8 @@ from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.robot.runs import require_layout
 from omnimj.estimate.robot.identify import require_robot
 from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters.mjcf_model import read_model_tree
 from omnimj.parameters.model_file import model_path
-from omnimj.parameters.reading import read_toml
 from omnimj.recording.dataset import Dataset, Run
 
 Machine = Any
@@ -78,7 +78,7 @@ def read_machine(plant: str, path: Path | str | None) -> Machine:
         return PLANTS[MJCF].read(Path(path))
     if path is not None:
         path = model_path(path, kind.model)
-        found = read_toml(path).get("plant")
+        found = read_model_tree(path).get("plant")
         if found != plant:
             raise InputError(f"{path}: plant", f"found {found!r}", f"the dataset's plant is {plant!r}")
     machine = kind.read(path)

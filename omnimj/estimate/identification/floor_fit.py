@@ -40,7 +40,7 @@ PRIOR_JACOBIAN: Array = _SHAPE / _SPREAD[:, None]
 """Derivative of `prior_residuals`, shape (SHARED, SHARED)."""
 _LONGEST = 1.0  # longest step in a logarithm
 _MOST_ROUNDS = 40
-_SETTLED = 1e-6  # relative change of the cost
+_TOLERANCE = 1e-6  # relative change of the cost
 _STARTS = (3e-3, 0.05, 0.5)  # [m/s] of V_s: the cost has more than one valley along it
 
 
@@ -234,7 +234,7 @@ def solve_floor(
     own = np.zeros(len(problem.runs)) if own is None else own
     seen = _SolverView(problem, start, basis)
     first = np.concatenate((np.zeros(basis.shape[1]), own))
-    found = minimise(seen, first, rounds=_MOST_ROUNDS, tolerance=_SETTLED, longest=_LONGEST, ridge=0.0)
+    found = minimise(seen, first, rounds=_MOST_ROUNDS, tolerance=_TOLERANCE, longest=_LONGEST, ridge=0.0)
     shared, own = seen.unpack(found.x)
     ends = np.cumsum([len(run.own) for run in found.jacobian])
     residuals = tuple(np.split(found.residual[:-SHARED], ends[:-1]))

@@ -20,7 +20,14 @@ _GAP = 3.5  # sample periods between two samples from which on a gap is assumed
 
 
 def white_noise(values: Sequence[Array]) -> float:
-    """Standard deviation of white noise from third differences; that of quantisation where it is larger."""
+    """Standard deviation of white noise from third differences; that of quantisation where it is larger.
+
+    Args:
+      values: Samples of a channel, shape (samples,) per stretch without gaps.
+
+    Returns:
+      Standard deviation, in the unit of the channel.
+    """
     changes = np.concatenate([np.diff(v, 3) for v in values])
     spread = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745 / np.sqrt(20.0)
     steps = np.concatenate([np.abs(np.diff(v)) for v in values])
@@ -40,7 +47,19 @@ def split_at_gaps(run: Run, period: float) -> list[slice]:
 def on_clock(
     run: Run, name: str, values: Array, part: slice, clock: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Resample a column, masked samples bridged by straight lines; and the mask of affected samples."""
+    """Resample a column, masked samples bridged by straight lines.
+
+    Args:
+      run: The run, for its times and masks.
+      name: Name of the column.
+      values: The column, shape (samples of the run,).
+      part: Samples of a stretch without gaps.
+      clock: Times to resample at, shape (k,) [s].
+
+    Returns:
+      Values at these times, NaN where the whole stretch is masked, and the mask of affected ones, shape (k,)
+      each.
+    """
     time, bad = run.time[part], np.asarray(run.masked.get(name, np.zeros(len(run.time), bool)))[part]
     bad = bad | ~np.isfinite(values[part])
     if bad.all():

@@ -1,8 +1,8 @@
-"""Parameters that a drive did not excite, and for each the manoeuvre that would inform most on it.
+"""Parameters that a drive did not excite, and for each the manoeuvre that is most informative about it.
 
 A number is not excited if the data leave more than `NOT_EXCITED` of its prior deviation. Manoeuvres are
-planned kinematically, the currents follow from the estimated balance; what each would add to the
-information matrix says how far it would narrow the number.
+planned kinematically, the currents follow from the estimated balance; the information matrix of each
+shows how far it would narrow the number.
 """
 
 from __future__ import annotations

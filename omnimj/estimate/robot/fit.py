@@ -23,7 +23,7 @@ HUBER = 3.0
 BIAS_SPREAD = 0.03
 """Standard deviation of the accelerometer's bias in a run, with the tilt of floor and mount [m/s²]."""
 _FIRST_NOISE = np.array([0.05, 0.05, 0.3])  # [m/s², m/s², rad/s²]
-_ROUNDS, _MOST_ROUNDS, _SETTLED = 3, 12, 1e-3
+_ROUNDS, _MOST_ROUNDS, _TOLERANCE = 3, 12, 1e-3
 _STEP = 1e-3  # of a prior's deviation, for derivatives
 _LONGEST_MEMORY = 500  # rows over which residuals may be correlated
 _FADED = 0.05  # autocorrelation at which they are not any more
@@ -85,7 +85,9 @@ def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
             sums = tuple(run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
             step = newton_step(unknowns, x, sums)
             x = x + step
-            if np.abs(step / unknowns.spread).max() < (_SETTLED if round_ == _ROUNDS - 1 else 10 * _SETTLED):
+            if np.abs(step / unknowns.spread).max() < (
+                _TOLERANCE if round_ == _ROUNDS - 1 else 10 * _TOLERANCE
+            ):
                 break
         noise, memory = _residual_noise(unknowns, x, sums, runs)
     sums = tuple(run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
@@ -114,7 +116,7 @@ def readings(run: RunRows) -> Array:
 
 
 def residuals(unknowns: Unknowns, x: Array, run: RunRows) -> Array:
-    """Predicted less measured accelerations without the bias, shape (m, 3)."""
+    """Predicted less measured accelerations without the bias, shape (m, 3), at x of shape (p,)."""
     return predicted_accelerations(unknowns.constants(x), unknowns.errors(x), run) - readings(run)
 
 
@@ -141,7 +143,14 @@ def row_whitening(fit: RobotFit, run: RunRows) -> Array:
 
 
 def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:
-    """Normal equations of one run at x; its biases are eliminated (Schur complement)."""
+    """Normal equations of one run at x; its biases are eliminated (Schur complement).
+
+    Args:
+      unknowns: The p unknowns.
+      x: Their deviations, shape (p,).
+      noise: Noise of a row's residuals, shape (3,).
+      run: Rows of the run.
+    """
     whiten, p = _whitening(unknowns, noise, run), len(x)
     table = np.empty((len(run.time), 3, p + 3))
     table[:, :, :p] = _jacobian(unknowns, x, run)

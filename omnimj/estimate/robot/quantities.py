@@ -1,4 +1,4 @@
-"""Numbers that a reader knows, as functions of the deviations that are estimated."""
+"""Physical parameters as functions of the estimated deviations."""
 
 from __future__ import annotations
 

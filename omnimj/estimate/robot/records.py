@@ -44,7 +44,7 @@ class RobotEstimate:
 
 @dataclass(frozen=True)
 class Unexcited:
-    """A number that the drive did not excite, and the manoeuvre that would tell most about it."""
+    """A number that the drive did not excite, and the manoeuvre that would be most informative about it."""
 
     estimate: RobotEstimate
     manoeuvre: str
@@ -84,7 +84,7 @@ class FloorCreep:
 
 @dataclass(frozen=True)
 class RobotIdentification(Displayed):
-    """All that the logs of a robot say about it."""
+    """Identification of a robot from its logs."""
 
     dataset: Path
     robot: Robot

@@ -50,8 +50,8 @@ def shafts_of(
 
     Args:
       smoother: Filter of the rows.
-      currents: Each wheel's current on the filter's grid.
-      speeds: Each wheel's speed on the filter's grid.
+      currents: Current of each of n wheels on the filter's grid, shape (g,) each [A].
+      speeds: Speed of each wheel on the filter's grid, shape (g,) each [rad/s].
       late: Delay of the wheel speeds [s].
       noise: Noise of the current monitors [A].
     """

@@ -17,7 +17,7 @@ class Smoother(NamedTuple):
     grid: Array
     """Even times between the samples, shape (k,) [s]."""
     rows: Array
-    """Times at which the filtered channel is wanted, shape (m,) [s]."""
+    """Times at which the channel is filtered, shape (m,) [s]."""
     width: float
     """Standard deviation of the Gaussian [s]."""
 
@@ -27,7 +27,7 @@ class Smoother(NamedTuple):
         return float(self.grid[1] - self.grid[0])
 
     def even(self, time: Array, values: Array) -> Array:
-        """Samples on the grid, by straight lines, shape (k,)."""
+        """Samples at irregular times, shape (s,) each, on the grid by straight lines, shape (k,)."""
         return np.interp(self.grid, time, values)
 
     def filtered(self, even: Array, late: float = 0.0, order: int = 0, width: float | None = None) -> Array:

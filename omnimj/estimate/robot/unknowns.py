@@ -1,7 +1,7 @@
 """Unknowns of a robot: their names, their priors from its model file, and the constants they lead to.
 
 Torque constants, dry and viscous losses are a common part and a deviation of each wheel from it, both with
-priors: wheels that the data cannot tell apart keep a common value. A force balance holds for any multiple
+priors: wheels that the data cannot distinguish keep a common value. A force balance holds for any multiple
 of all forces and masses together, so data determine ratios to the torque constant, and its absolute size
 comes from the prior: it is the model file's, within its `uncertainty`, while the mass may be that of any
 usual payload. The inertia of the wheels is scaled along.
@@ -78,7 +78,7 @@ class Unknowns:
         return np.array([one.spread for one in self.each])
 
     def value(self, x: Array, name: str) -> float:
-        """Entry of a vector of deviations by name."""
+        """Entry of a vector of deviations, shape (p,), by name."""
         return float(x[self.names.index(name)])
 
     def wheels(self, x: Array, name: str) -> Array:
@@ -125,7 +125,7 @@ class Unknowns:
         return x[first : first + len(self.nominal.axle)]
 
     def errors(self, x: Array) -> SensorErrors:
-        """Errors of the sensors for a vector of deviations."""
+        """Errors of the sensors for a vector of deviations, shape (p,)."""
         return SensorErrors(
             self._own(x, "current_offset"),
             self.value(x, "current_per_yaw_rate"),

@@ -5,7 +5,7 @@ in lock-step it is the plant's simulated time, which advances by one period per 
 
 Current flows only while the device is armed, and only by a command that is still valid. Any violation of
 `limits` disarms at once and is latched, and so is a stop: no current flows until reset, a zero command, and
-arm. A session takes a handshake, is silent until its host has spoken, and ends when its host is silent.
+arm. A session takes a handshake, is silent until its host has sent a frame, and ends when its host is silent.
 """
 
 from __future__ import annotations

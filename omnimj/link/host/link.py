@@ -349,11 +349,6 @@ class Link:
         """Stop a device that this link drives; may be called at any time and repeatedly."""
         self.send(*self.host.stop(self.now, reason))
 
-    def stop_any_host(self) -> None:
-        """Stop the device even if another host drives it: for a person's key press."""
-        self._has_armed = True
-        self.stop()
-
     def close(self) -> None:
         """Stop the device if this link drives it, and close the transport; may be called twice."""
         if self.host.state is not HostState.IDLE:

@@ -141,7 +141,7 @@ class HardwarePlant:
         return self._next()
 
     def truth(self) -> Array:
-        """Empty: a real robot has no truth signals."""
+        """Empty, shape (0,): a real robot has no truth signals."""
         return _NO_TRUTH
 
     def close(self) -> None:

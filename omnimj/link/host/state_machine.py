@@ -1,7 +1,7 @@
 """Host side of the link as a state machine without clock and wire.
 
 Motion takes three requests: hello, arm, command. A violation of any rule ends in `STOPPED` with its reason;
-all three must then be requested again. The host believes nothing that cannot be: an acknowledgement of what
+all three must then be requested again. The host accepts nothing impossible: an acknowledgement of what
 it has not sent, a device armed without a request, time that runs backwards, or the answer of another device.
 """
 

@@ -27,7 +27,7 @@ class PassiveTransport:
         self.failures += 1
 
     def receive(self) -> list[bytes]:
-        """Received packets of any sender; on a keyed link the tags tell who sent them."""
+        """Received packets of any sender; on a keyed link the tags identify the sender."""
         return [packet for packet, _ in self._listener.receive()]
 
     def wait(self, longest: float) -> bool:

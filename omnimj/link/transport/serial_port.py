@@ -58,7 +58,10 @@ class SerialTransport:
         try:
             self._port = self._opened()
         except (OSError, ValueError, OverflowError) as error:
-            raise InputError(address, f"cannot be opened ({error})") from None
+            number = getattr(error, "errno", None)
+            reason = os.strerror(number).lower() if number else str(error)
+            choices = "python -m serial.tools.list_ports lists the ports of this machine"
+            raise InputError(address, f"cannot be opened, {reason}", choices) from None
         if not passive:
             self._write(DELIMITER)
 

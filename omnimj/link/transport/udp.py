@@ -157,7 +157,10 @@ class UdpListener(_Socket):
             self._socket.bind(numeric)
         except OSError as error:
             self.close()
-            raise InputError(address, f"cannot be bound ({error.strerror})") from None
+            reason = (error.strerror or str(error)).lower()
+            raise InputError(
+                address, f"cannot be used, {reason}", "another port, or an address of this machine, is needed"
+            ) from None
 
     @property
     def port(self) -> int:

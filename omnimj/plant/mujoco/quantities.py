@@ -278,7 +278,11 @@ def with_masses(
 
 
 def joint_to_centre(mj_model: mujoco.MjModel, body: int) -> tuple[Array, Array]:
-    """Place of a body's joint and the unit vector from there to its centre of mass, in its frame [m]."""
+    """Place of a body's joint and the unit vector from there to its centre of mass, in the body's frame.
+
+    Returns:
+      Place [m] and direction [1], shape (3,) each.
+    """
     first = int(mj_model.body_jntadr[body])
     anchor = np.array(mj_model.jnt_pos[first]) if first >= 0 else np.zeros(3)
     arm = np.array(mj_model.body_ipos[body]) - anchor

@@ -405,7 +405,7 @@ class RobotTwin:
 
     @compiled_in("twin")
     def truth(self) -> Array:
-        """True pose, body twist, and per wheel slip, normal force, traction, aligned with `truth_names`."""
+        """True pose, twist, slip velocity, normal and traction force by `truth_names`, shape (6 + 3 n,)."""
         row = np.empty(len(self.truth_names))
         write_twin_truth(self._arrays, row)
         return row

@@ -179,7 +179,7 @@ def _converted(column: pa.ChunkedArray, decimal: str, rows: Sequence[int]) -> tu
 
 
 def _text_reason(texts: Sequence[str | None], decimal: str, rows: Sequence[int]) -> str:
-    """Say where a column holds text; one cell in a column of numbers is named by its row."""
+    """Describe where a column holds text; one cell in a column of numbers is named by its row."""
     from omnimj.recording.importing.dialect import is_number
 
     wrong = [k for k, cell in enumerate(texts) if cell is not None and not is_number(cell, decimal)]

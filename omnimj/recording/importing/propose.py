@@ -126,7 +126,7 @@ def wheel_count(names: Sequence[str]) -> int:
 
 
 def _exact(columns: Mapping[str, SourceColumn], plant: str) -> dict[str, ColumnSource]:
-    """Columns that have the names of omnimj, or whose messages say that they are these."""
+    """Columns that have the names of omnimj, or whose messages identify them."""
     known = plant_columns(plant, MAX_WHEELS)
     found: dict[str, ColumnSource] = {}
     for name, column in columns.items():
@@ -265,7 +265,7 @@ def _robot(
 
 
 def _remark_joint(target: str, part: str, remarks: dict[str, str]) -> None:
-    """Say which joint a wheel is where its name has no number, or another one."""
+    """State which joint a wheel is where its name has no number, or another one."""
     number = target.rpartition("_")[2]
     if f"{_number(part, '')}" != number:
         remarks[target] = f"wheel {number} by the order in the messages: check that it is {part}"

@@ -11,6 +11,7 @@ from typing import Any
 from omnimj.control.cascade.allocation import SCALES
 from omnimj.control.detection.detector import OPTION_FLAGS, DetectorOptions, checked_options
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.mjcf_model import MJCF_SUFFIX
 from omnimj.parameters.reading import Rule, check_number
 from omnimj.resources import models_folder
 from omnimj.simulate.kinematic import KinematicCase
@@ -56,7 +57,7 @@ def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
 
 
 def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Read the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file.
+    """Read the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` or `"own.xml"` a file.
 
     A file lies beside the scenario or, as `robotino/identified.toml`, in the folder of the shipped models.
 
@@ -76,7 +77,7 @@ def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
     place = f"{scenario.name}: model"
     if not isinstance(name, str) or not name:
         raise InputError(place, f"found {name!r}", "a string is needed")
-    if not name.endswith(".toml"):
+    if not name.endswith((".toml", MJCF_SUFFIX)):
         return Path(name)
     return _existing_file(name, scenario, place)
 

@@ -127,6 +127,9 @@ def record_robot(
       condition: Condition whose drive is a `Reference`.
       config: Plant, seed and progress callback.
 
+    Returns:
+      Columns of the run, shape (samples,) each.
+
     Raises:
       SimulationError: The simulation failed.
       KeyboardInterrupt: Ctrl-C was pressed.

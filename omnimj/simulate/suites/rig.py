@@ -221,6 +221,9 @@ def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) 
       condition: Condition whose drive is a `RigExcitation`.
       config: Plant, seed and progress callback.
 
+    Returns:
+      Columns of the run, shape (samples,) each.
+
     Raises:
       SimulationError: The simulation failed.
       KeyboardInterrupt: Ctrl-C was pressed.

@@ -179,11 +179,6 @@ def draw_cases(population: CasePopulation, indices: Iterable[int]) -> list[Case]
     return [_draw_case(population, index, robot) for index in indices]
 
 
-def draw_case(population: CasePopulation, index: int) -> Case:
-    """Draw one case as `draw_cases` does."""
-    return draw_cases(population, (index,))[0]
-
-
 def _draw_case(population: CasePopulation, index: int, robot: Robot) -> Case:
     suite = SUITES[population.suite]
     duration = suite.duration if population.duration is None else population.duration
@@ -236,7 +231,7 @@ def _pair(population: CasePopulation, index: int, fault: str) -> int | None:
 
 @functools.lru_cache(maxsize=128)
 def _classes(population: CasePopulation, block: int) -> tuple[str, ...]:
-    """Return the fault classes of a block of `_MANY` cases, as `draw_case` draws them."""
+    """Return the fault classes of a block of `_MANY` cases, as `draw_cases` draws them."""
     cases, healthy = range(block * _MANY, (block + 1) * _MANY), SUITES[population.suite].healthy
     return tuple(draw_class(_stream(population, k, _FAULTS), population.faults, healthy) for k in cases)
 

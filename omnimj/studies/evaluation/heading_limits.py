@@ -1,6 +1,6 @@
 """Whether recovery keeps the heading: a limit for every case, on the ratio or on what is added.
 
-A ratio says nothing where the heading hardly moves without recovery; there the added excursion is limited.
+A ratio is meaningless where the heading hardly moves without recovery; there the added excursion is limited.
 Where too few wheels are left to hold it, the recovery gives the heading up for the path by design: such cases
 are counted apart, provided that the faults were isolated.
 """

@@ -20,10 +20,11 @@ from typing import Any
 import omnimj
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import GAIN_NAMES, Gains
+from omnimj.display import Displayed
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.recording.json_files import to_jsonable, write_json, write_text
-from omnimj.signals import to_frame
+from omnimj.recording.tabular import Tabular
 from omnimj.simulate.detectors import require_known_method
 from omnimj.studies.evaluation.cases import (
     FLOORS,
@@ -84,7 +85,7 @@ class EvaluationConfig:
 
 
 @dataclass(frozen=True)
-class EvaluationResult:
+class EvaluationResult(Displayed, Tabular):
     """Scores, summary and tables of an evaluation."""
 
     heading: str
@@ -99,10 +100,11 @@ class EvaluationResult:
     events: Mapping[str, CaseEvents]
     """Faults and diagnoses of the cases by name."""
 
-    def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` with one row per case; requires pandas."""
+    def table_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Fields of `CaseScore` by name, a row per case."""
+        names = [field.name for field in dataclasses.fields(CaseScore)]
         cases = [dataclasses.asdict(score) for score in self.scores]
-        return to_frame({name: [case[name] for case in cases] for name in (cases[0] if cases else ())})
+        return {name: [case[name] for case in cases] for name in names}
 
 
 def run_evaluation(

@@ -157,8 +157,8 @@ def confusion_by_class(summary: Summary) -> Table:
     counts: dict[str, dict[str, int]] = {}
     for truth, row in summary.confusion.items():
         own = counts.setdefault(_class(truth), {})
-        for said, count in row.items():
-            right = _class(said) if said == truth or _class(said) != _class(truth) else _WRONG_PLACE
+        for given, count in row.items():
+            right = _class(given) if given == truth or _class(given) != _class(truth) else _WRONG_PLACE
             own[right] = own.get(right, 0) + count
     columns = _columns(counts.values())
     rows = [

@@ -223,7 +223,7 @@ class DisturbedPlant:
             effect.write_terms(self._plant.effect_terms, self._context, motion)
 
     def truth(self) -> Array:
-        """Return the truth of the rig."""
+        """Return the truth of the rig by `truth_names`, shape (len(truth_names),)."""
         return self._plant.truth()
 
     def close(self) -> None:

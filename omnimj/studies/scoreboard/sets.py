@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import math
 import tarfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -274,8 +274,3 @@ def _with_expected(one: RealSet, *folders: Path) -> RealSet:
                     raise UnknownNameError(file, "key", key, ("source", "expected"))
             return replace(one, expected=_expected(str(file), tree), source=str(tree.get("source", "")))
     return one
-
-
-def names_of(sets: Iterable[RealSet | MissingSet]) -> tuple[str, ...]:
-    """Names of sets."""
-    return tuple(one.name for one in sets)

@@ -108,8 +108,8 @@ def effect_statistics(effects: Array, draws: Array) -> tuple[EffectStatistics, .
     """Return μ, μ* and σ of every parameter.
 
     Args:
-      effects: Shape (r, k), NaN for a missing effect.
-      draws: From `bootstrap_mu_star`.
+      effects: Effects of k parameters on r trajectories, shape (r, k), NaN for a missing effect.
+      draws: μ* of resampled trajectories, shape (draws, k), from `bootstrap_mu_star`.
     """
     return tuple(_measure(effects[:, i], draws[:, i]) for i in range(effects.shape[1]))
 

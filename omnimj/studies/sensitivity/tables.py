@@ -159,8 +159,13 @@ def format_unranked(study: ResultSensitivity, varied: Sequence[Factor]) -> tuple
     noisy = study.noise > 0.0 and study.noise >= study.floor
     below = "Not distinguishable from noise" if noisy else "Too small to resolve"
     unsure = "Uncertain; more trajectories are needed"
-    for word, said in ((UNSURE, unsure), (BELOW, below), (NONE, "No effect at all"), (UNKNOWN, "Not known")):
+    for word, heading in (
+        (UNSURE, unsure),
+        (BELOW, below),
+        (NONE, "No effect at all"),
+        (UNKNOWN, "Not known"),
+    ):
         names = [one.name for one, verdict in zip(varied, study.verdicts, strict=True) if verdict == word]
         if names:
-            lines.append(f"{said} ({len(names)}): {', '.join(names)}")
+            lines.append(f"{heading} ({len(names)}): {', '.join(names)}")
     return tuple(lines)

@@ -104,7 +104,7 @@ def comparison_rows(verdict: Comparison) -> list[tuple[str, str, str]]:
 
 
 def format_verdict(outcome: TuningResult) -> str:
-    """Say in one sentence whether the tuned gains are better, and where not."""
+    """State in one sentence whether the tuned gains are better, and where not."""
     if outcome.is_better:
         return "better than the gains before on the judging seeds"
     if all(axis.start == value for axis, value in zip(outcome.axes, outcome.values, strict=True)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,13 +11,15 @@ from typing import Any
 import omnimj
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import GAIN_NAMES, Gains
+from omnimj.display import Displayed
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, read_floors, read_robot
+from omnimj.recording.tabular import Tabular
 from omnimj.simulate.plants import PLANT_NAMES
 from omnimj.simulate.scenario.scenario import scenario_digest
 from omnimj.studies.runner import run_study
 from omnimj.studies.tuning.batch import TrialBatch, claim_folder
-from omnimj.studies.tuning.cost import Limits, Score, score, score_unstable, stability_violation
+from omnimj.studies.tuning.cost import TERMS, Limits, Score, score, score_unstable, stability_violation
 from omnimj.studies.tuning.draws import JUDGING, Draw, draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.landscape import Landscape, survey_landscape
 from omnimj.studies.tuning.margins import FLOORS, LoopStability, Margin, loop_stability, margins
@@ -163,7 +165,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class TuningResult:
+class TuningResult(Displayed, Tabular):
     """Tuned gains with all scores on the way."""
 
     config: TuningConfig
@@ -183,6 +185,19 @@ class TuningResult:
     def is_better(self) -> bool:
         """True if the tuned gains are better in every comparison."""
         return all(comparison.is_better for comparison in self.comparisons)
+
+    def table_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Generation, gains, score and its terms by name, a row per candidate that was tried."""
+        columns: dict[str, Sequence[Any]] = {"generation": [one.generation for one in self.tried]}
+        for k, axis in enumerate(self.axes):
+            columns[axis.name] = [one.values[k] for one in self.tried]
+        for name in ("cost", "violation", "false_alarms", "missed", "saturation", "broke"):
+            columns[name] = [getattr(one.score, name) for one in self.tried]
+        for name in ("phase", "overshoot"):
+            columns[name] = [getattr(one.score.loops, name) for one in self.tried]
+        for name in TERMS:
+            columns[name] = [one.score.terms.get(name) for one in self.tried]
+        return columns
 
 
 def run_tuning(

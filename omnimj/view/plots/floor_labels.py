@@ -19,7 +19,7 @@ def floor_probabilities(time: Array, probability: Array, truth: Array | None, fl
     Args:
       time: Windows' centres, shape (w,) [s].
       probability: Probability of the floor under each wheel, shape (w, n).
-      truth: 1 where the camera sees the contact on this floor, NaN where it cannot tell, shape (w, n); None
+      truth: 1 where the camera sees the contact on this floor, NaN where unknown, shape (w, n); None
         without camera.
       floor: Name of the floor.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.core.property.vectorization import Field, Value
-from bokeh.models import HBar, Line, Patch, Quad, Scatter, Segment, Step, VArea
+from bokeh.models import HBar, Line, Patch, Quad, Scatter, Segment, VArea
 from markupsafe import escape
 from numpy.typing import NDArray
 
@@ -18,7 +18,7 @@ ToPixels = Callable[[Array], Array]
 NO_FILL = 'fill="none"'
 _BINS = 400
 _CLOSE = 3.0  # [pixels / 10] greatest distance of a left-out point from the line
-_OPEN = Line | Step | Segment
+_OPEN = Line | Segment
 _TURN = np.linspace(-0.25, 0.75, 20, endpoint=False)
 _MARKERS = {  # corners in units of half the size, downwards is positive
     "circle": np.exp(2j * np.pi * _TURN),
@@ -43,9 +43,6 @@ def outlines(renderer: Any) -> list[tuple[Array, Array]]:
 
     if isinstance(glyph, Line):
         return [_thinned(*values("x", "y"))]
-    if isinstance(glyph, Step) and glyph.mode == "after":
-        x, y = _thinned(*values("x", "y"))
-        return [(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1])]
     if isinstance(glyph, Scatter | Patch):
         x, y = values("x", "y")
         return [(x, y)]

@@ -27,7 +27,6 @@ from bokeh.models import (
     Range1d,
     ResetTool,
     SaveTool,
-    Step,
     WheelZoomTool,
 )
 from bokeh.models import Span as Rule
@@ -115,7 +114,6 @@ class Panel:
         dash: Style = "-",
         width: float = 1.4,
         alpha: float = 1.0,
-        step: bool = False,
         hovered: Array | None = None,
     ) -> GlyphRenderer:
         """Draw y over x, shape (k,) each, thinned to the smallest and largest sample of `BINS` bins.
@@ -128,7 +126,6 @@ class Panel:
           dash: Dash pattern.
           width: Line width [pixels].
           alpha: Opacity.
-          step: True to hold each value until the next one.
           hovered: Values to show below the cursor, shape (k,); y when None, none when empty.
         """
         time, x, y = x, np.asarray(x, float), np.asarray(y, float)
@@ -139,7 +136,7 @@ class Panel:
         style: Any = {"line_color": color, "line_width": width, "line_alpha": alpha}
         style |= {"x": "x", "y": name, "line_dash": dashes(dash)}
         # glyphs are added without `bokeh.plotting`, which makes five of each
-        drawn = self.plot.add_glyph(source, Step(mode="after", **style) if step else Line(**style))
+        drawn = self.plot.add_glyph(source, Line(**style))
         if hovered is None:
             self._hovered.append((name, label))
         elif len(hovered):

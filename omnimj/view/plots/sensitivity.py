@@ -38,9 +38,9 @@ def share_matrix(
 ) -> Drawing:
     """Plot the share of each parameter in each result."""
     shown = [rank.parameter for rank in ranks[: rows_shown(ranks)]]
-    heard = [study for study in studies if shares(study).any()]
-    table = np.array([shares(study) for study in heard])[:, shown].T
-    rows, columns = [varied[i].name for i in shown], [study.name for study in heard]
+    affected = [study for study in studies if shares(study).any()]
+    table = np.array([shares(study) for study in affected])[:, shown].T
+    rows, columns = [varied[i].name for i in shown], [study.name for study in affected]
     words = [f"{100.0 * share:.0f}" if share >= _SMALLEST else "" for share in table.ravel()]
     pairs = [f"{row} in {column}" for row in rows for column in columns]
     names = [f"{pair}: {100.0 * share:.1f} %" for pair, share in zip(pairs, table.ravel(), strict=True)]

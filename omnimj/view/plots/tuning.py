@@ -30,7 +30,8 @@ def convergence(result: TuningResult) -> Drawing:
     if out.any():
         style = {"color": palette.ACCENT, "label": "breaks a limit", "marker": "x"}
         _candidates(panel, result, out, number, np.full(len(cost), top), **style)
-    panel.line(number, np.fmin.accumulate(cost), palette.INK, "best so far", step=True)
+    steps = np.repeat(number, 2)[1:], np.repeat(np.fmin.accumulate(cost), 2)[:-1]
+    panel.line(*steps, palette.INK, "best so far")
     panel.rule(1.0, dash=(0, (4, 3)))
     panel.legend()
     return panel.finish()

@@ -92,7 +92,7 @@ def _figures(run: RunDiagnosis, shown: Sequence[Family], bins: int) -> list[Figu
 
 
 def _elsewhere(run: RunDiagnosis) -> str:
-    """Say which diagnoses were decided by a statistic that these plots do not show."""
+    """State which diagnoses were decided by a statistic that these plots do not show."""
     others = [d for d in run.diagnoses if d.test and d.test not in _DRAWN]
     named = dict.fromkeys(f"{describe_kind(d)} ({describe_evidence(d)})" for d in others)
     return f" Decided by a test that is not drawn here: {'; '.join(named)}." if named else ""

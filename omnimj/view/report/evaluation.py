@@ -24,11 +24,11 @@ def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
     write_page(
         path,
         "evaluation",
-        _plain(result.heading),
-        lines=list(map(_plain, result.lines)),
+        plain_text(result.heading),
+        lines=list(map(plain_text, result.lines)),
         tables=_titled(result.tables),
         files="evaluation.json and cases/",
-        figures=_figures(result),
+        figures=evaluation_figures(result),
         cases=case_table(result.scores, result.suite, sections) if result.scores else None,
         sections=sections,
     )
@@ -64,7 +64,7 @@ def _write_tables(
         path,
         "evaluation",
         heading,
-        lines=list(map(_plain, lines)),
+        lines=list(map(plain_text, lines)),
         tables=_titled([one for one in tables if one.rows]),
         files=files,
         figures=[],
@@ -74,15 +74,15 @@ def _write_tables(
 
 
 def _titled(tables: Sequence[TextTable]) -> list[tuple[str, Table]]:
-    return [(_plain(one.title), table(one.rows, one.head)) for one in tables]
+    return [(plain_text(one.title), table(one.rows, one.head)) for one in tables]
 
 
-def _plain(line: str) -> str:
+def plain_text(line: str) -> str:
     """Remove the marks of Markdown from a line."""
     return line.replace("**", "").replace("`", "")
 
 
-def _figures(result: EvaluationResult) -> list[list[Figure]]:
+def evaluation_figures(result: EvaluationResult) -> list[list[Figure]]:
     """Return rows of figures: confusion matrix, delays, excursions."""
     if not result.scores:
         return []

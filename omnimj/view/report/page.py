@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 import omnimj
+from omnimj.recording.json_files import write_text
 from omnimj.view.plots.document import embed, library, packed
 from omnimj.view.plots.panels import Drawing
 from omnimj.view.plots.static import WIDTH, svg
@@ -138,13 +139,16 @@ def command_line(command: str) -> Markup:
 
 
 def write_page(path: Path, template: str, title: str, **content: Any) -> None:
-    """Render a report from a template.
+    """Render a report from a template and write it, in full or not at all.
 
     Args:
       path: HTML file to write.
       template: Name of the template without its ending.
       title: Title of the page.
       **content: Texts, tables and figures for the template.
+
+    Raises:
+      OutputError: The file cannot be written.
     """
     page = _TEMPLATES.get_template(f"{template}.html.j2")
     figures = [figure for figure in _figures(content) if figure.name]
@@ -164,7 +168,7 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
     elements = {name: one for _, found in documents.values() for name, one in found.items()}
     plots = {"elements": elements, "still": still, "scripts": scripts, "groups": groups, "contents": contents}
     text = page.render(title=title, version=omnimj.__version__, **plots, **content)
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def render_part(template: str, **content: Any) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from omnimj.recording.folder import atomic_file
 from omnimj.recording.json_files import write_text
 from omnimj.studies.sensitivity.ranking import ResultSensitivity
 from omnimj.studies.sensitivity.study import SensitivityResult
@@ -40,8 +39,7 @@ def write_sensitivity_files(folder: Path, result: SensitivityResult) -> None:
     tables = [one for one in (measure_first_table(result), results_table(result)) if one.rows]
     lines = [measure_first_sentence(result), *summary_sentences(result)]
     write_text(folder / TEXT, format_markdown(format_heading(result), lines, tables))
-    with atomic_file(folder / REPORT) as temporary:
-        write_sensitivity_report(temporary, result)
+    write_sensitivity_report(folder / REPORT, result)
     (folder / PICTURE).unlink(missing_ok=True)
     if result.ranks:
         bars, matrix = _shares(result)

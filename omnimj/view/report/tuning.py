@@ -27,13 +27,14 @@ def write_tuning_report(path: Path, result: TuningResult, command: str) -> None:
         config=result.config,
         scenarios=", ".join(Path(text).stem for text in result.config.scenarios),
         verdict=verdict[0].upper() + verdict[1:],
-        tables=_tables(result),
-        figures=_figures(result),
+        tables=tuning_tables(result),
+        figures=tuning_figures(result),
         command=command,
     )
 
 
-def _tables(result: TuningResult) -> list[tuple[str, Table]]:
+def tuning_tables(result: TuningResult) -> list[tuple[str, Table]]:
+    """Return tables with their headings: gains, scores on the judging seeds, margins of the loops."""
     gains = [
         (axis.name, f"{axis.start:g}", f"{value:g}", axis.unit)
         for axis, value in zip(result.axes, result.values, strict=True)
@@ -59,7 +60,8 @@ def _format_margin(crossover: float, phase: float) -> str:
     return "no crossover" if crossover == 0.0 else f"{crossover:.2f} Hz, {phase:.0f}°"
 
 
-def _figures(result: TuningResult) -> list[Figure]:
+def tuning_figures(result: TuningResult) -> list[Figure]:
+    """Return plots of the search, of its trade-off, and of the cost around the result."""
     words = "on the training draws, which are the same for every candidate"
     figures = [plot(convergence(result), "convergence", "The search", words, label="cost by candidate")]
     words = "all candidates that violate no limit; along the front one property is traded for the other"

@@ -176,7 +176,7 @@ def test_off_loopback_a_key_is_required():
 
 def test_unknown_hosts_and_occupied_ports_are_refused_in_one_line(udp):
     device, _ = udp
-    with pytest.raises(InputError, match="cannot be bound"):
+    with pytest.raises(InputError, match="cannot be used"):
         UdpListener(UdpAddress(HERE, device.port))
     with pytest.raises(InputError, match="not found"):
         UdpTransport(UdpAddress("no.such.host.invalid", 9))

@@ -23,7 +23,6 @@ from omnimj.studies.evaluation.cases import (
     SUITES,
     CasePopulation,
     case_reference,
-    draw_case,
     draw_cases,
     nominal_scenario,
 )
@@ -35,7 +34,7 @@ MANY = [case for suite in SUITES for case in draw_cases(CasePopulation(suite, 10
 
 
 def drawn_structure():
-    return draw_case(CasePopulation("manoeuvres", 100, structure=DRAWN), 0).structure
+    return draw_cases(CasePopulation("manoeuvres", 100, structure=DRAWN), [0])[0].structure
 
 
 def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
@@ -48,8 +47,8 @@ def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
 
 def test_other_faults_or_floors_change_nothing_else_of_a_case():
     for k in range(16):
-        case = draw_case(CasePopulation("missions", 100), k)
-        other = draw_case(CasePopulation("missions", 100, faults=(NONE,), floors=("pvc",)), k)
+        case = draw_cases(CasePopulation("missions", 100), [k])[0]
+        other = draw_cases(CasePopulation("missions", 100, faults=(NONE,), floors=("pvc",)), [k])[0]
         assert (other.fault, other.faults, other.floor) == (NONE, (), "pvc")
         same = dataclasses.replace(other, fault=case.fault, faults=case.faults, floor=case.floor)
         assert same == case
@@ -59,16 +58,16 @@ def test_other_faults_or_floors_change_nothing_else_of_a_case():
 def test_a_drawn_structure_changes_nothing_else_of_a_case():
     for suite in SUITES:
         for k in range(16):
-            case = draw_case(CasePopulation(suite, 100, structure=DRAWN), k)
+            case = draw_cases(CasePopulation(suite, 100, structure=DRAWN), [k])[0]
             assert case.structure is not None
-            assert dataclasses.replace(case, structure=None) == draw_case(CasePopulation(suite, 100), k)
+            assert dataclasses.replace(case, structure=None) == draw_cases(CasePopulation(suite, 100), [k])[0]
 
 
 def test_a_structure_does_not_depend_on_faults_floors_or_plants():
     for k in range(10):
-        case = draw_case(CasePopulation("missions", 100, structure=DRAWN), k)
+        case = draw_cases(CasePopulation("missions", 100, structure=DRAWN), [k])[0]
         choice = CasePopulation("missions", 100, ("twin",), ("pvc",), (NONE,), structure=DRAWN)
-        assert draw_case(choice, k).structure == case.structure
+        assert draw_cases(choice, [k])[0].structure == case.structure
 
 
 @pytest.mark.parametrize(
@@ -81,7 +80,7 @@ def test_a_structure_does_not_depend_on_faults_floors_or_plants():
     ],
 )
 def test_a_nominal_case_is_what_its_seed_drew_before_structures_could_be_drawn(suite, seed, index, digest):
-    record = draw_case(CasePopulation(suite, seed), index).to_dict()
+    record = draw_cases(CasePopulation(suite, seed), [index])[0].to_dict()
     assert record.pop("structure") is None
     text = json.dumps(record, sort_keys=True)
     assert hashlib.sha256(text.encode()).hexdigest()[:16] == digest

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import json
+import re
 from functools import partial
 from pathlib import Path
 
@@ -254,3 +255,18 @@ def test_the_confusion_matrix_tells_the_cases_of_each_cell_and_marks_the_correct
     assert "truth none, diagnosed several: 0 of 3 cases" in corners
     words = {(label.x, label.y): label.text for label in panel.plot.select(Label)}
     assert words == {(0, 0): "3", (0, 1): "1", (1, 1): "2", (2, 1): "1"}
+
+
+def test_an_evaluation_is_a_table_in_a_notebook_and_in_frames(wolf):
+    pyarrow = pytest.importorskip("pyarrow")
+    text = wolf._repr_html_()
+    assert f"{len(wolf.scores)} cases" in text and "**" not in text
+    cells = {html.unescape(cell) for cell in re.findall(r"<td[^>]*>([^<]*)</td>", text)}
+    rows = [row for one in wolf.tables for row in one.rows]
+    assert rows and all(row[-1] in cells or not row[-1] for row in rows)
+    hostile = dataclasses.replace(wolf, heading="<b>'&", lines=("<i>",))._repr_html_()
+    assert "&lt;b&gt;" in hostile and "&lt;i&gt;" in hostile and "<b>'" not in hostile
+    frame, arrow = wolf.to_pandas(), pyarrow.table(wolf)
+    assert list(frame.columns) == arrow.column_names and len(frame) == arrow.num_rows == len(wolf.scores)
+    assert frame["name"].tolist() == arrow["name"].to_pylist() == [score.name for score in wolf.scores]
+    assert "confusion" in wolf.plots and len(wolf.plot("confusion").children) >= 1

@@ -10,7 +10,7 @@ from math import inf
 import pytest
 
 from omnimj.recording.json_files import to_jsonable
-from omnimj.studies.evaluation.cases import CasePopulation, draw_case
+from omnimj.studies.evaluation.cases import CasePopulation, draw_cases
 from omnimj.studies.evaluation.goals import GoalResult, format_goal, judge_goals
 from omnimj.studies.evaluation.scoring import CaseScore, FaultScore, score_case
 from omnimj.studies.evaluation.summary import summarize
@@ -18,7 +18,7 @@ from omnimj.studies.evaluation.tables import result_tables
 from omnimj.studies.random_truth import PAIRS
 
 HEALTHY: CaseScore = score_case(
-    draw_case(CasePopulation("missions", 100, faults=("none",)), 0),
+    draw_cases(CasePopulation("missions", 100, faults=("none",)), [0])[0],
     {"method": {"diagnoses": [], "heading": None, "path": None}, "off": None, "use": []},
 )
 

@@ -8,11 +8,11 @@ from math import inf
 import pytest
 
 from omnimj.plant.faults import Fault
-from omnimj.studies.evaluation.cases import Case, CasePopulation, draw_case
+from omnimj.studies.evaluation.cases import Case, CasePopulation, draw_cases
 from omnimj.studies.evaluation.scoring import HEADING_FLOOR, CaseScore, confusion, diagnosed_label, score_case
 from omnimj.studies.evaluation.summary import summarize
 
-EMPTY = draw_case(CasePopulation("missions", 100, faults=("none",)), 0)
+EMPTY = draw_cases(CasePopulation("missions", 100, faults=("none",)), [0])[0]
 MOTOR = Fault("motor", 10.0, wheel=3, numbers={"loss": 0.6})
 SLIP = Fault("slip", 10.0, 14.0, 2, {"grip": 0.1})
 

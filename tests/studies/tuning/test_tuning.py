@@ -331,3 +331,21 @@ def test_a_draw_on_the_twin_is_driven_like_one_on_the_planar_plant(tmp_path):
     assert all(facts.broke is None for facts in found.values())
     assert found["twin"].path == pytest.approx(found["planar"].path, rel=0.3)
     assert found["twin"] != found["planar"]
+
+
+def test_a_tuning_is_a_table_in_a_notebook_and_in_frames(tuned):
+    """Escaped: a scenario's path is the user's text."""
+    pyarrow = pytest.importorskip("pyarrow")
+    text = tuned._repr_html_()
+    for axis, value in zip(tuned.axes, tuned.values, strict=True):
+        assert axis.name in text and f"{value:g}" in text
+    assert "smallest phase margin" in text and f"{len(tuned.tried)} candidates" in text
+    hostile = dataclasses.replace(tuned.config, scenarios=("<b>'&",))
+    text = dataclasses.replace(tuned, config=hostile)._repr_html_()
+    assert "&lt;b&gt;" in text and "<b>'" not in text
+    frame, arrow = tuned.to_pandas(), pyarrow.table(tuned)
+    assert list(frame.columns) == arrow.column_names and len(frame) == arrow.num_rows == len(tuned.tried)
+    for k, axis in enumerate(tuned.axes):
+        assert list(frame[axis.name]) == [one.values[k] for one in tuned.tried]
+    assert frame["cost"].tolist() == arrow["cost"].to_pylist() == [one.score.cost for one in tuned.tried]
+    assert {"convergence", "pareto"} <= set(tuned.plots) and len(tuned.plot("pareto").children) >= 1

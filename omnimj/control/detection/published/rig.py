@@ -123,7 +123,14 @@ class PublishedRigDetector:
         command: Array | None = None,
         bias: float = 0.0,
     ) -> PublishedRigState:
-        """State after a measurement; one that is not good changes nothing."""
+        """State after a measurement; one that is not good changes nothing.
+
+        Args:
+          state: State before it.
+          measurement: Newest measurement.
+          command: Command of the period before it, shape (1,) [A]; not used.
+          bias: Not used.
+        """
         m = measurement
         numbers = (m.current, m.wheel_speed, m.carriage_speed, m.carriage_acceleration, m.lateral_speed)
         # beyond any machine: squares of it must still be numbers

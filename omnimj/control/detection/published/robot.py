@@ -156,7 +156,14 @@ class PublishedRobotDetector:
         command: Array | None = None,
         bias: float = 0.0,
     ) -> PublishedRobotState:
-        """State after a good measurement."""
+        """State after a good measurement.
+
+        Args:
+          state: State before it.
+          measurement: Newest measurement.
+          command: Command of the period before it, shape (n,) [A]; not used.
+          bias: Not used.
+        """
         m = measurement
         if not _is_bounded(m):
             return state

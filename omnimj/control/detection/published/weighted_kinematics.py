@@ -74,7 +74,12 @@ class WeightedKinematics:
         self.healthy = nominal_reconfiguration(self._inverse(np.ones(len(robot.wheels))))
 
     def reconfiguration(self, weights: Array, before: Reconfiguration) -> Reconfiguration:
-        """The kinematics with these weights; those of before where the printed weights make none."""
+        """Inverse kinematics with these weights; the previous one where the printed weights are singular.
+
+        Args:
+          weights: Weight of each wheel, shape (n,).
+          before: Reconfiguration of the previous step.
+        """
         try:
             with np.errstate(all="ignore"):
                 inverse = self._inverse(weights)

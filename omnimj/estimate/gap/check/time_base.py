@@ -1,4 +1,4 @@
-"""Time base of the runs: the logged period, the model's, and what motion and its rates say about both.
+"""Time base of the runs: the logged period, the model's, and the period at which motion and its rates agree.
 
 A rate x and its integral y give the true time per logged one, y = τ ∫ x dt: τ = 1 if time is in seconds,
 whatever the sampling rate. Another rate than the model's is no fault; a rate whose integrals disagree is.
@@ -156,7 +156,7 @@ def _named(factor: float, periods: float, rate: float, links: Sequence[TimeLink]
 
 
 def _by_period_alone(periods: float, rate: float) -> Suspicion | None:
-    """Judge a period where no motion tells whether time is right."""
+    """Judge a period where no motion can confirm it."""
     if abs(np.log(periods)) < GROSS:
         return None
     size, unit = _unit(periods)

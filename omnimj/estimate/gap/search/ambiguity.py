@@ -1,4 +1,4 @@
-"""Models that the data cannot tell apart, because the remaining misfit hides their difference."""
+"""Models that the data cannot distinguish, because the remaining misfit hides their difference."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def is_distinguishable(problem: Problem, best: Fit, other: Fit, split: TrainingS
     d is the whitened difference of the predictions, less what the better model's own parameters can follow,
     r its misfit. If the other model were true, the better one would lead by |d|² − 2 d·r. The misfit that
     remains is not white: other structure of the machine repeats in every run. So r is drawn anew, whole runs
-    in place of others with random signs, and the models are told apart if |d|² > 2 |d·r| in 90 % of draws.
+    in place of others with random signs; the models are distinguishable if |d|² > 2 |d·r| in 90 % of draws.
 
     Args:
       problem: The data and the scale.

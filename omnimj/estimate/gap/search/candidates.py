@@ -1,4 +1,4 @@
-"""Fits of candidate effects, judged by cross-validation, and what their bounds say of them."""
+"""Fits of candidate effects, judged by cross-validation, and their active bounds."""
 
 from __future__ import annotations
 

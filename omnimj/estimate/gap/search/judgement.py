@@ -51,7 +51,7 @@ class SelectedEffect:
 
     candidate: CandidateEffect
     rivals: tuple[FittedCandidate, ...]
-    """Alternatives that the data cannot tell from it."""
+    """Alternatives that the data cannot distinguish from it."""
     gain: Interval
     """Held-out gain."""
     p_false: float | None = None

@@ -70,7 +70,7 @@ class SelectionRound:
 
         Args:
           named: Labels in the final model.
-          rivals: Labels that the data cannot tell from those.
+          rivals: Labels that the data cannot distinguish from those.
           outcome: What the round added, or why it added nothing.
         """
         rows = []

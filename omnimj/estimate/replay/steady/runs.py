@@ -1,8 +1,8 @@
 """Logs with a measured pose as blocks of steady driving, and their directions as conditions.
 
 A robot on soft floor slips by a tenth to a half of its speed. Where wheel speeds are constant, a pose
-measured over a second tells the velocity to a per cent; of transients, loggers of some 30 samples per second
-tell little. Runs in neighbouring directions are nearly repeats of each other, so that whole sectors of
+measured over a second gives the velocity to a per cent; loggers of some 30 samples per second hardly resolve
+transients. Runs in neighbouring directions are nearly repeats of each other, so that whole sectors of
 directions are one condition.
 """
 

@@ -31,7 +31,7 @@ class Clock:
 
 
 def header_problem(samples: Samples) -> str:
-    """Say why header stamps cannot be used; empty if they can."""
+    """Reason why header stamps cannot be used; empty if they can."""
     stamps = samples.stamps[_order(samples.logged)]
     missing = int(np.count_nonzero(stamps == NO_STAMP))
     if missing == len(stamps):
@@ -67,7 +67,7 @@ def choose_clocks(
       forced: `header` or `log`, chosen by the user.
 
     Raises:
-      InputError: Header stamps are wanted and those of the base cannot be used.
+      InputError: Header stamps are requested and those of the base cannot be used.
     """
     problems = {name: _first_problem(samples) for name, samples in topics.items()}
     if forced == "header" and problems[base]:
@@ -111,7 +111,15 @@ class Track:
 
 
 def make_times(samples: Samples, use: str) -> tuple[Times, NDArray[np.int64] | slice]:
-    """Times of samples, strictly increasing, and the rows they belong to; of equal times the last counts."""
+    """Strictly increasing times of samples, and the rows that they belong to; of equal times the last counts.
+
+    Args:
+      samples: The samples.
+      use: `header` for the stamps of the headers, else the times of logging.
+
+    Returns:
+      Times, shape (m,) [ns], and their rows among the samples, shape (m,).
+    """
     times = samples.stamps if use == "header" else samples.logged
     rows = _order(times)
     ordered = times[rows]
