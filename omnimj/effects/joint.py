@@ -93,5 +93,11 @@ EFFECTS: tuple[Effect, ...] = (
         (_P("compliance", "m/N", 0.0, _ANY, 0.01),),
         adds_term(JOINT, "compliance", "compliance"),
     ),
+    _effect(
+        "backlash",
+        "play between the motor, which is measured, and what the joint moves, at every reversal",
+        (_P("angle", "m", 0.0, _ANY, 1e-3),),
+        adds_term(JOINT, "play", "angle"),
+    ),
 )
 """Effects of a joint."""

@@ -223,12 +223,3 @@ def encoder_position(row, state):
 def encoder_speed(row, state):
     """Speed of the body that carries the encoder [m/s]."""
     return state[DRIVE_SPEED] if row[ENCODER] == 1.0 else state[SPEED]
-
-
-def derivative(row: Array, position: float, speed: float, force: float, smoothing: float) -> float:
-    """Acceleration without play, sign(v) as tanh(v/smoothing), for `scipy.integrate.solve_ivp` [m/s²]."""
-    forward, backward = dry_friction(row, position, speed, 0.0)
-    direction = math.tanh(speed / smoothing)
-    dry = 0.5 * ((1.0 + direction) * forward - (1.0 - direction) * backward)
-    push = row[FORCE_SCALE] * force + steady_force(row, position)
-    return (push - dry - damping(row, speed) * speed) / row[MASS]

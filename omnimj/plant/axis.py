@@ -1,4 +1,4 @@
-"""The linear axis as a plant: amplifier, sensors, and runs under position control."""
+"""Runs of the linear axis under position control: amplifier, sensors, controller."""
 
 from __future__ import annotations
 
@@ -18,10 +18,8 @@ from omnimj.physics.axis import (
     MONITOR_BIAS,
     MONITOR_SCALE,
     PLAY,
-    POSITION,
     POSITION_DELAY,
     POSITION_SCALE,
-    SPEED,
     VELOCITY_DELAY,
     VELOCITY_SCALE,
     axis_row,
@@ -66,7 +64,7 @@ def _late(truth, column, k, delay, period):
 
 
 @kernel
-def read_sensors(row, sensors, truth, k, noise, column, period, reading):
+def read_sensors(row, sensors, truth, k, noise, period, reading):
     """Read force monitor, encoder and tachometer at sample k.
 
     Args:
@@ -75,17 +73,16 @@ def read_sensors(row, sensors, truth, k, noise, column, period, reading):
       truth: Declared force [N], position [m] and speed [m/s] at the encoder up to sample k at least, shape
         (any, TRUE_COLUMNS).
       k: Index of the sample.
-      noise: Standard normal numbers, shape (3, any).
-      column: Column of `noise` to use.
+      noise: Standard normal numbers, shape (3, n).
       period: Sample period [s].
       reading: Array to fill with force [N], position [m] and velocity [m/s], shape (3,).
     """
     force = row[MONITOR_SCALE] * _late(truth, 0, k, row[FORCE_DELAY], period) + row[MONITOR_BIAS]
     position = row[POSITION_SCALE] * _late(truth, 1, k, row[POSITION_DELAY], period)
     velocity = row[VELOCITY_SCALE] * _late(truth, 2, k, row[VELOCITY_DELAY], period)
-    reading[0] = _stepped(force + sensors[FORCE_NOISE] * noise[0, column], sensors[FORCE_STEP])
-    reading[1] = _stepped(position + sensors[POSITION_NOISE] * noise[1, column], sensors[POSITION_STEP])
-    reading[2] = velocity + sensors[VELOCITY_NOISE] * noise[2, column]
+    reading[0] = _stepped(force + sensors[FORCE_NOISE] * noise[0, k], sensors[FORCE_STEP])
+    reading[1] = _stepped(position + sensors[POSITION_NOISE] * noise[1, k], sensors[POSITION_STEP])
+    reading[2] = velocity + sensors[VELOCITY_NOISE] * noise[2, k]
 
 
 @kernel
@@ -148,7 +145,7 @@ def follow_target(row, curve, target, gains, sensors, noise, period, substeps, c
     for k in range(len(target)):
         truth[k, 0], truth[k, 1] = force, encoder_position(numbers, state)
         truth[k, 2] = encoder_speed(numbers, state)
-        read_sensors(numbers, sensors, truth, k, noise, k, period, reading)
+        read_sensors(numbers, sensors, truth, k, noise, period, reading)
         columns[k, :3] = reading
         if k > 0:
             speed += share * ((reading[1] - last) / period - speed)
@@ -167,20 +164,6 @@ SUBSTEPS = 2
 
 
 _FAR = 1e3  # travels: nothing that is held gets there
-
-
-@dataclass(frozen=True)
-class AxisMeasurement:
-    """Readings of the axis sensors at one instant."""
-
-    time: float
-    """Time of the sample [s]."""
-    force: float
-    """Reading of the force monitor [N]."""
-    position: float
-    """Reading of the encoder [m]."""
-    velocity: float
-    """Reading of the tachometer [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -276,72 +259,3 @@ def drive_axis(
     names = {"force": READ_FORCE, "position": READ_POSITION, "velocity": READ_VELOCITY}
     names |= {"true_position": TRUE_POSITION, "true_velocity": TRUE_SPEED}
     return found | {name: columns[:, c].copy() for name, c in names.items()}
-
-
-class AxisPlant:
-    """Linear axis as a plant that is advanced one period at a time."""
-
-    def __init__(
-        self,
-        axis: Axis,
-        *,
-        payload: float = 0.0,
-        start: float = 0.0,
-        seed: int = 0,
-        ideal_sensors: bool = False,
-    ):
-        """Place the axis at rest.
-
-        Args:
-          axis: Axis, with its effects.
-          payload: Mass added in this run [kg].
-          start: Position at the start [m].
-          seed: Seed of the sensor noise.
-          ideal_sensors: Whether to omit noise and resolution.
-        """
-        self.period = 1.0 / axis.sensors.sample_rate
-        self._row, self._curve = frozen(axis_row(apply_effects(axis).machine, payload), no_curve())
-        self._sensors = sensor_row(axis, ideal_sensors)
-        self._start, self._seed = float(start), seed
-        self._state, self._force = at_rest(self._row, self._start), 0.0
-        self._generators: list[np.random.Generator] = []
-        self._truth = np.zeros((1024, TRUE_COLUMNS))
-        self._steps = 0
-
-    def reset(self) -> AxisMeasurement:
-        """Put the axis at rest at its start and return the first measurement; the noise is repeated."""
-        self._steps, self._force = 0, 0.0
-        self._generators = [np.random.default_rng([self._seed, c]) for c in range(3)]
-        self._state = at_rest(self._row, self._start)
-        return self._measure()
-
-    def step(self, force: float) -> AxisMeasurement:
-        """Hold the commanded force [N] for one period and return the measurement at its end.
-
-        Raises:
-          InputError: A force that is not finite.
-        """
-        if not math.isfinite(force):
-            raise InputError("command", f"found {force!r}", "must be a finite number")
-        time = self._steps * self.period
-        numbers = (self._row, self._curve, self._state, self._force, float(force), time)
-        self._state, self._force = one_period(*numbers, self.period, substeps_of(self.period))
-        self._steps += 1
-        return self._measure()
-
-    def truth(self) -> Array:
-        """Declared force of the drive, position and speed of the carriage, shape (3,) [N, m, m/s]."""
-        return np.array((self._force, self._state[POSITION], self._state[SPEED]))
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
-    def _measure(self) -> AxisMeasurement:
-        k = self._steps
-        if k >= len(self._truth):
-            self._truth = np.concatenate([self._truth, np.zeros_like(self._truth)])
-        truth = (self._force, encoder_position(self._row, self._state), encoder_speed(self._row, self._state))
-        self._truth[k] = truth
-        noise, reading = np.array([[g.standard_normal()] for g in self._generators]), np.empty(3)
-        read_sensors(self._row, self._sensors, self._truth, k, noise, 0, self.period, reading)
-        return AxisMeasurement(k * self.period, *reading.tolist())

@@ -17,6 +17,8 @@ from omnimj.signals import Array, to_frame
 
 MJCF = "mjcf"
 """Plant of datasets of any machine with an MJCF file; columns name its joints, actuators and sensors."""
+MASS_OF = "mass:"
+"""Beginning of the condition that states the mass of a body of such a machine: `mass:forearm`."""
 ROBOT_WHEELS = 4
 """Number of wheels of a robot whose dataset neither states nor shows it."""
 MIN_WHEELS, MAX_WHEELS = 3, 12

@@ -14,6 +14,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
 from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml
 from omnimj.recording.dataset import (
+    MASS_OF,
     MAX_WHEELS,
     MIN_WHEELS,
     MJCF,
@@ -119,9 +120,9 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     known = tuple(read_floors() if floors is None else floors)
     common = dict(check_table(f"{path}: [defaults]", tree.get("defaults", {})))
     pose_measured = _pose_measured(f"{path}: [defaults]: {POSE_MEASURED}", common, plant)
-    defaults = _conditions(f"{path}: [defaults]", common, known)
+    defaults = _conditions(f"{path}: [defaults]", common, known, plant)
     runs = {
-        name: _conditions(f"{path}: [runs.{printable(name)}]", table, known)
+        name: _conditions(f"{path}: [runs.{printable(name)}]", table, known, plant)
         for name, table in check_table(f"{path}: [runs]", tree.get("runs", {})).items()
     }
     columns = check_table(f"{path}: [columns]", tree.get("columns", {}))
@@ -183,15 +184,16 @@ def _pose_measured(place: str, defaults: dict[str, Any], plant: str) -> bool:
     return found
 
 
-def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, float | str]:
+def _conditions(place: str, entry: Any, floors: Collection[str], plant: str) -> dict[str, float | str]:
     found: dict[str, float | str] = {}
     for key, value in check_table(place, entry).items():
         at = f"{place}: {key}"
-        if key not in CONDITION_KEYS:
+        states_mass = plant == MJCF and key.startswith(MASS_OF) and key != MASS_OF
+        if key not in CONDITION_KEYS and not states_mass:
             if key == POSE_MEASURED:
                 raise InputError(at, f"found {value!r}", "it holds for all runs: state it under [defaults]")
             raise UnknownNameError(place, "key", key, (*CONDITION_KEYS, POSE_MEASURED))
-        if key == "mass":
+        if key == "mass" or states_mass:
             found[key] = check_number(at, value, _POSITIVE)
         elif key == "start_floors":
             found[key] = _start_floors(at, value, floors)

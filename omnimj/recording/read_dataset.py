@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.recording.dataset import MAX_WHEELS, MIN_WHEELS, ROBOT_WHEELS, Dataset, PlantColumns, Run
+from omnimj.recording.dataset import MASS_OF, MAX_WHEELS, MIN_WHEELS, ROBOT_WHEELS, Dataset, PlantColumns, Run
 from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
 from omnimj.recording.logger_faults import mask_logger_faults
 from omnimj.recording.mask import Mask, find_gaps, find_spikes, gap_edges
@@ -216,7 +216,8 @@ def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None
         if run.repeat_of is None:
             continue
         other = first.setdefault(run.repeat_of, run)
-        for key in ("floor", "mass"):
+        stated = {*run.conditions, *other.conditions}
+        for key in ("floor", "mass", *sorted(k for k in stated if k.startswith(MASS_OF))):
             mine, others = run.conditions.get(key), other.conditions.get(key)
             if mine != others:
                 found = f"{key} is {mine!r} but {others!r} in {other.name!r}"

@@ -12,7 +12,10 @@ from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.read_dataset import read_dataset
+from omnimj.resources import models_folder
+from omnimj.workflows import record
 
+AXIS = models_folder() / "linear_axis" / "linear_axis.xml"
 TRUTH = [0.012, 0.025, 0.52, 4.8, 0.0005]
 
 
@@ -44,6 +47,27 @@ def test_an_empty_machine_gets_no_name(tmp_path):
     write_servo_logs(tmp_path / "data")
     assert main(["gap", str(tmp_path / "data"), "--model", str(SERVO), "--out", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "gap.json").read_text())["verdict"] == "no_gap"
+
+
+@pytest.mark.slow
+def test_logs_of_an_axis_are_searched_with_an_mjcf_file(tmp_path):
+    record("axis_moves", tmp_path / "data", 4, 1, effects={"asymmetric_viscous": {"difference": 60.0}})
+    order = ["gap", str(tmp_path / "data"), "--model", str(AXIS), "--out", str(tmp_path / "out")]
+    assert main(order) == 0
+    found = json.loads((tmp_path / "out" / "gap.json").read_text())
+    assert (found["plant"], found["verdict"], found["model"]) == ("mjcf", "named", "model.xml")
+    (effect,) = found["effects"]
+    assert (effect["effect"], effect["selectors"]) == ("asymmetric_viscous", {"joint": "carriage"})
+    assert effect["parameters"]["difference"]["value"] == pytest.approx(60.0, rel=0.01)
+    assert read_machine_file(tmp_path / "out" / "model.xml").effects["asymmetric_viscous"]
+
+
+def test_a_run_states_the_mass_of_a_body(tmp_path):
+    write_servo_logs(tmp_path / "data", runs=1)
+    file = tmp_path / "data" / "dataset.toml"
+    file.write_text(file.read_text() + '"mass:arm" = 0.6\n')
+    (run,) = read_dataset(tmp_path / "data").runs
+    assert run.conditions == {"mass:arm": 0.6}
 
 
 def test_a_dataset_without_a_model_asks_for_its_file(tmp_path, capsys):

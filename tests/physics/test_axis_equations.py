@@ -19,6 +19,7 @@ from omnimj.physics.axis import (
     CURVE_ROW,
     DRIVE_SPEED,
     DRY_OVER_POSITION,
+    FORCE_SCALE,
     GAP,
     KIND,
     KNOT,
@@ -28,9 +29,11 @@ from omnimj.physics.axis import (
     POSITION,
     SPEED,
     axis_row,
-    derivative,
+    damping,
+    dry_friction,
     frozen,
     no_curve,
+    steady_force,
     step,
 )
 
@@ -102,6 +105,15 @@ EXTRAS = {
     "air": {"air": 150.0},
     "force_scale": {"force_scale": 0.9},
 }
+
+
+def derivative(row, position, speed, force, smoothing):
+    """Acceleration without play, sign(v) as tanh(v/smoothing)."""
+    forward, backward = dry_friction(row, position, speed, 0.0)
+    direction = math.tanh(speed / smoothing)
+    dry = 0.5 * ((1.0 + direction) * forward - (1.0 - direction) * backward)
+    push = row[FORCE_SCALE] * force + steady_force(row, position)
+    return (push - dry - damping(row, speed) * speed) / row[MASS]
 
 
 def smooth_position(axis, force, t, smoothing):

@@ -1,4 +1,4 @@
-"""The axis as a plant: sensors, amplifier, the two ways of running it."""
+"""Runs of the axis: sensors, amplifier, controller."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from omnimj.effects import with_effects
 from omnimj.errors import InputError
 from omnimj.parameters import read_axis
-from omnimj.plant.axis import AxisController, AxisPlant, drive_axis, servo
+from omnimj.plant.axis import AxisController, drive_axis, servo
 
 AXIS = read_axis()
 PERIOD = 1.0 / AXIS.sensors.sample_rate
@@ -29,28 +29,6 @@ def drive(axis=AXIS, controller=None, **options):
 def test_the_servo_follows_its_target():
     found = drive()
     assert np.abs(found["true_position"] - sines()[:, 0]).max() < 5e-4
-
-
-def test_step_by_step_and_whole_runs_are_the_same_bit_by_bit():
-    axis = with_effects(
-        AXIS,
-        {"sensor_delay": {"delay": 0.0043, "channel": "position"}, "backlash": {"angle": 1e-4}},
-    )
-    columns = drive(axis, seed=3)
-    plant = AxisPlant(axis, start=sines()[0, 0], seed=3)
-    c, share = servo(AXIS), 1.0 - np.exp(-PERIOD / servo(AXIS).speed_filter)
-    reading, speed, last = plant.reset(), 0.0, 0.0
-    for k, (x, v, a) in enumerate(sines()[:1500]):
-        assert reading.position == columns["position"][k]
-        assert reading.force == columns["force"][k]
-        assert reading.velocity == columns["velocity"][k]
-        if k > 0:
-            speed += share * ((reading.position - last) / PERIOD - speed)
-        last = reading.position
-        command = c.mass * a + c.viscous * v + c.coulomb * np.tanh(v / c.smoothing)
-        command += c.stiffness * (x - last) + c.damping * (v - speed)
-        reading = plant.step(command)
-    plant.close()
 
 
 def test_one_seed_gives_one_run_and_another_seed_another():
@@ -122,10 +100,3 @@ def test_gains_that_no_axis_bears_are_refused():
     axis = dataclasses.replace(AXIS, axis=dataclasses.replace(AXIS.axis, force_limit=1e300))
     with pytest.raises(InputError, match="softer gains"):
         drive(axis, wild)
-
-
-def test_a_command_that_is_no_number_is_refused():
-    plant = AxisPlant(AXIS)
-    plant.reset()
-    with pytest.raises(InputError, match="command"):
-        plant.step(float("nan"))

@@ -292,6 +292,7 @@ def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
         (made.RIG.replace("3.9593", "nan"), "mass: found nan"),
         (made.RIG.replace("3.9593", "true"), "mass: found True; a number is needed"),
         (made.RIG.replace("3.9593", '"4 kg"'), "mass: found '4 kg'; a number is needed"),
+        (made.RIG + '"mass:wheel" = 3.0\n', "unknown key 'mass:wheel'"),
         (made.RIG.replace("mass = 3.9593", ""), "run 'a': 'mass' is missing; state it under [defaults] or"),
         (made.RIG.replace('floor = "natural_stone"', ""), "run 'a': 'floor' is missing"),
         ('runs = 3\nplant = "quarter_rig"', "[runs]: found 3; a table is needed"),

@@ -18,7 +18,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
 from omnimj.estimate.gap.check.suspicions import DataCheck
 from omnimj.estimate.gap.locate.regimes import locate
-from omnimj.estimate.gap.plants import find_plant, read_machine
+from omnimj.estimate.gap.plants import find_plant, in_terms_of, read_machine
 from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
 from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.judgement import SelectedEffect
@@ -330,6 +330,7 @@ def find_gap(
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
     machine = read_machine(read.plant, model or read.model)
+    read = in_terms_of(read, machine)
     plant = find_plant(read.plant)
     plant.require(read, machine)
     if read.pose_measured:

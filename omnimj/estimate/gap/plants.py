@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnimj.effects import MJCF, check_effects
+from omnimj.effects import AXIS, MJCF, check_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.check import axis as axis_check
 from omnimj.estimate.gap.check import rig as rig_check
@@ -74,6 +74,8 @@ def read_machine(plant: str, path: Path | str | None) -> Machine:
     kind = find_plant(plant)
     if kind.model is None:
         return kind.read(None if path is None else Path(path))
+    if plant == AXIS and path is not None and Path(path).suffix == ".xml":
+        return PLANTS[MJCF].read(Path(path))
     if path is not None:
         path = model_path(path, kind.model)
         found = read_model_tree(path).get("plant")
@@ -82,6 +84,19 @@ def read_machine(plant: str, path: Path | str | None) -> Machine:
     machine = kind.read(path)
     check_effects(machine)
     return machine
+
+
+def in_terms_of(dataset: Dataset, machine: Machine) -> Dataset:
+    """Dataset in the columns of its machine: the logs of a linear axis whose model is an MJCF file.
+
+    Raises:
+      InputError: The MJCF file does not describe an axis.
+    """
+    if machine.plant == dataset.plant or machine.plant != MJCF:
+        return dataset
+    from omnimj.estimate.replay.mjcf.axis_logs import as_machine_logs  # loads MuJoCo
+
+    return as_machine_logs(dataset, machine)
 
 
 def _rig_suspicions(dataset: Dataset, rig: Rig) -> Iterator[Suspicion]:
@@ -165,10 +180,12 @@ def _machine_replay(dataset: Dataset, machine: Any, floors: Mapping[str, Floor])
 
 
 def _require_machine(dataset: Dataset, machine: Any) -> None:
-    from omnimj.estimate.replay.mjcf.columns import measured_parts
+    from omnimj.estimate.replay.mjcf.columns import measured_parts, stated_masses
     from omnimj.estimate.replay.mjcf.contacts import free_runs
 
     measured_parts(dataset, machine)
+    for run in dataset.runs:
+        stated_masses(run, machine, dataset.path)
     free_runs(dataset.runs, machine, dataset.path)
 
 

@@ -73,7 +73,7 @@ class Problem:
         for candidate in effects:
             for s in candidate.parameters:
                 size = abs(s.typical - (s.null_value or 0.0))
-                sizes.append(size if size > 0.0 else 0.1 * (s.high - s.low))
+                sizes.append(size or 0.1 * (s.high - s.low) or 1.0)  # 1: a fixed one
         return np.array(sizes)
 
     def start(self) -> Array:

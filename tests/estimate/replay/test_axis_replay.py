@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from axis_logs import axis_moves
 from axis_reference import log_of, sign
 from nightly import representative
 
@@ -22,7 +23,7 @@ from omnimj.estimate.replay.problem import Problem, fit
 from omnimj.parameters import read_axis
 from omnimj.physics.axis import CURVE_ROW, KNOT
 from omnimj.recording.dataset import Run
-from omnimj.simulate.suites.axis import MOVES, axis_moves
+from omnimj.simulate.suites.axis import MOVES
 
 AXIS = read_axis()
 TRUE = dataclasses.replace(AXIS, axis=dataclasses.replace(AXIS.axis, mass=96.5, coulomb=21.5, viscous=190.0))

@@ -138,7 +138,7 @@ def test_a_joint_that_never_turns_back_is_named(tmp_path):
             '<motor name="hip_motor" joint="hip"/>',
             "control",
             "",
-            "compliance on joint knee: it has no actuator",
+            "compliance, backlash on joint knee: it has no actuator",
         ),
         (
             MOTORS,

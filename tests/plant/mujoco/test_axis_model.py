@@ -10,9 +10,11 @@ import pytest
 
 from omnimj.parameters import read_axis
 from omnimj.physics.axis import POSITION, SPEED, axis_row, frozen, no_curve, step
+from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.resources import models_folder
 
 AXIS = read_axis()
+FILE = models_folder() / "linear_axis" / "linear_axis.xml"
 
 
 @pytest.fixture
@@ -27,7 +29,17 @@ def test_mjcf_and_toml_hold_the_same_numbers(mj_model):
     assert mj_model.dof_damping[dof] == body.viscous
     assert mj_model.dof_frictionloss[dof] == body.coulomb
     assert np.array_equal(mj_model.joint("carriage").range, [-body.travel, body.travel])
-    assert np.array_equal(mj_model.actuator("drive").ctrlrange, [-body.force_limit, body.force_limit])
+    (drive,) = read_machine_file(FILE).drives
+    assert drive.force_range == (-body.force_limit, body.force_limit)
+    assert drive.gain == body.force_constant
+    assert drive.command_range[1] * drive.gain == body.force_limit
+
+
+def test_mjcf_and_toml_are_uncertain_about_the_same():
+    machine, origin = read_machine_file(FILE), AXIS.provenance
+    widths = {one.name: one.half_width for one in machine.uncertain}
+    names = {"carriage.damping": "viscous", "carriage.frictionloss": "coulomb", "carriage.mass": "mass"}
+    assert widths == {name: origin[f"axis.{key}"].uncertainty for name, key in names.items()}
 
 
 def test_mujoco_moves_the_axis_as_the_equations_do(mj_model, measured):
@@ -38,7 +50,7 @@ def test_mujoco_moves_the_axis_as_the_equations_do(mj_model, measured):
     errors = []
     for k in range(4000):
         force = 120.0 * math.sin(2.0 * math.pi * 0.8 * k * 1e-3) + (15.0 if k > 3000 else 0.0)
-        mj_data.ctrl[0] = force
+        mj_data.ctrl[0] = force / AXIS.axis.force_constant
         mujoco.mj_step(mj_model, mj_data)
         state = step(row, curve, state, force, 0.0, k * 1e-3, 1e-3)
         errors.append((carriage.qpos[0] - state[POSITION], carriage.qvel[0] - state[SPEED]))
@@ -50,7 +62,7 @@ def test_mujoco_moves_the_axis_as_the_equations_do(mj_model, measured):
 
 def test_the_screw_turns_with_the_carriage(mj_model):
     mj_data = mujoco.MjData(mj_model)
-    mj_data.ctrl[0] = 60.0
+    mj_data.ctrl[0] = 60.0 / AXIS.axis.force_constant
     mujoco.mj_step(mj_model, mj_data, 800)
     turned = mj_data.joint("screw").qpos[0]
     assert turned == pytest.approx(2.0 * math.pi * mj_data.joint("carriage").qpos[0] / 0.02, rel=0.01)

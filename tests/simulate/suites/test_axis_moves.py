@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from axis_logs import axis_moves
 
 from omnimj.effects import with_effects
 from omnimj.parameters import read_axis
-from omnimj.simulate.suites.axis import MOVES, axis_moves, highest_speed, strokes, sweep, wander
+from omnimj.simulate.suites.axis import MOVES, highest_speed, strokes, sweep, wander
 
 AXIS = read_axis()
 SMALL = dataclasses.replace(

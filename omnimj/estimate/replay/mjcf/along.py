@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import threading
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from omnimj.effects import ChannelEffect
-from omnimj.effects.parts import BODY
+from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
     COMPLIANCE,
     DAMPING,
     GEAR,
+    PLAY,
     SPRING,
     SPRING_REST,
     VELOCITY_GAIN,
@@ -25,8 +27,10 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog
+from omnimj.estimate.replay.mjcf.play import Play, links_behind_play
+from omnimj.estimate.replay.stretches import FIRST
 from omnimj.plant.mujoco.machine import Machine
-from omnimj.plant.mujoco.quantities import with_masses
+from omnimj.plant.mujoco.quantities import QUANTITIES, with_masses
 from omnimj.plant.mujoco.robot_step import function_address
 from omnimj.signals import Array
 
@@ -50,11 +54,14 @@ class Motion:
         rigid: Array,
         readings: Array,
         bent: tuple[Array, Array, Array] | None = None,
+        play: Play | None = None,
     ):
         self.position, self.speed, self.acceleration = position, speed, acceleration
         """Motion of the motors, shape (n, j) each."""
         self.bent = bent
         """Deflections of the springs, their speeds and accelerations, shape (n, j) each; None without any."""
+        self.play = play
+        """Links behind their play; None without any."""
         self.rigid = rigid
         """Rigid-body forces, shape (n, j) [N or N.m]."""
         self.readings = readings
@@ -64,17 +71,28 @@ class Motion:
 class Dynamics:
     """MuJoCo's model of a machine along its logs; equal rigid bodies are computed once."""
 
-    def __init__(self, machine: Machine, log: MachineLog, sensors: tuple[str, ...]):
+    def __init__(
+        self,
+        machine: Machine,
+        log: MachineLog,
+        sensors: tuple[str, ...],
+        stated: Sequence[Mapping[Part, float]] = (),
+    ):
         """Prepare the models.
 
         Args:
           machine: The machine.
           log: Its logs.
           sensors: Measured sensors.
+          stated: Masses that a run states, for each stretch; those of the model everywhere when empty.
         """
         self._machine, self._log = machine, log
         names = [mujoco.mj_name2id(machine.mj_model, mujoco.mjtObj.mjOBJ_SENSOR, s) for s in sensors]
         self._sensors = np.array([machine.mj_model.sensor_adr[k] for k in names], np.int64)
+        self._loads: dict[tuple[tuple[Part, float], ...], list[slice]] = {}
+        for k, (first, last, _, _) in enumerate(log.stretches.tolist()):
+            load = tuple(sorted(stated[k].items())) if stated else ()
+            self._loads.setdefault(load, []).append(slice(first, last))
         self._widths = [_deflection_width(log, j) for j in range(log.position.shape[1])]
         self._known: dict[Hashable, Motion] = {}
         self._lock = threading.Lock()
@@ -100,30 +118,21 @@ class Dynamics:
         masses = tuple(value for (kind, _, _), value in laws.masses.items() if kind == BODY)
         compliance = tuple(laws.joints[:, COMPLIANCE].tolist())
         armature = tuple(laws.joints[:, ARMATURE].tolist()) if any(compliance) else ()
+        if laws.joints[:, PLAY].any():
+            armature += tuple(laws.joints.ravel().tolist())
         return masses, laws.payloads, tuple(laws.gravity.tolist()), positions, compliance, armature
 
     def _along(self, laws: Laws) -> Motion:
         log = self._log
         columns = [
             [
-                self._true(values[:, j], laws.channel(f"position:{name}"), order)
+                self._true(values[:, j], laws.channel(f"position:{name}"), order, laws.has_force(j))
                 for j, name in enumerate(self._machine.joints)
             ]
             for order, values in enumerate((log.position, log.speed, log.acceleration))
         ]
         position, speed, acceleration = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
-        model = self._model(laws)
-        model.opt.disableflags |= int(_OFF.mjDSBL_CONSTRAINT)
-        model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
-        model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
-        mj_data = mujoco.MjData(model)
-        simulation = _arrays(model, mj_data)
-
-        def forces(q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-            rigid, readings = np.empty(q.shape), np.empty((len(q), len(self._sensors)))
-            kernels.rigid_forces(simulation, q, v, a, self._sensors, rigid, readings)
-            return rigid, readings
-
+        forces = functools.partial(self._forces, laws)
         rigid, readings = forces(position, speed, acceleration)
         bent = None
         for _ in range(_DEFLECTIONS if laws.joints[:, COMPLIANCE].any() else 0):
@@ -132,9 +141,38 @@ class Dynamics:
                 part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
             )
             rigid, readings = forces(*map(np.ascontiguousarray, moved))
-        return Motion(position, speed, acceleration, rigid, readings, bent)
+        play = None
+        if laws.joints[:, PLAY].any():
+            inertia = self._inertias(laws, position, speed, acceleration, rigid)
+            play = links_behind_play(laws.joints, log, (position, speed, acceleration), rigid, inertia)
+        return Motion(position, speed, acceleration, rigid, readings, bent, play)
 
-    def _true(self, values: Array, reading: ChannelEffect, order: int) -> Array:
+    def _inertias(self, laws: Laws, q: Array, v: Array, a: Array, rigid: Array) -> Array:
+        """Inertia of the links about each joint with play, shape (n, j) [kg or kg.m2]."""
+        found = np.ones(q.shape)
+        for j in np.flatnonzero(laws.joints[:, PLAY]):
+            faster = a.copy()
+            faster[:, j] += 1.0
+            found[:, j] = self._forces(laws, q, v, faster)[0][:, j] - rigid[:, j]
+        return found
+
+    def _forces(self, laws: Laws, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Rigid-body forces along a motion, shape (n, j), and readings of the sensors, shape (n, s)."""
+        rigid, readings = np.empty(q.shape), np.empty((len(q), len(self._sensors)))
+        for load, parts in self._loads.items():
+            model = self._model(laws, dict(load))
+            model.opt.disableflags |= int(_OFF.mjDSBL_CONSTRAINT)
+            model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+            model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
+            mj_data = mujoco.MjData(model)
+            mujoco.mj_setConst(model, mj_data)  # the inertia of a joint that meets no other is a constant
+            simulation = _arrays(model, mj_data)
+            for part in parts:
+                found = rigid[part], readings[part]
+                kernels.rigid_forces(simulation, q[part], v[part], a[part], self._sensors, *found)
+        return rigid, readings
+
+    def _true(self, values: Array, reading: ChannelEffect, order: int, is_smooth: bool) -> Array:
         """Motion of a joint from readings of its encoder; order 0: position, 1: speed, 2: acceleration."""
         if reading == ChannelEffect():
             return values
@@ -142,7 +180,8 @@ class Dynamics:
         true = (values - offset) / reading.scale
         if reading.delay:
             found = np.empty(len(true))
-            kernels.shifted(true, self._log.stretches, reading.delay / self._log.period, found)
+            rows = reading.delay / self._log.period
+            kernels.shifted(true, self._log.stretches, rows, is_smooth, found)
             return found
         return true
 
@@ -162,13 +201,31 @@ class Dynamics:
                     )
         return found[0], found[1], found[2]
 
-    def _model(self, laws: Laws) -> mujoco.MjModel:
+    def _model(self, laws: Laws, stated: Mapping[Part, float]) -> mujoco.MjModel:
         """Copy of the model with the masses and the gravity of a setting, without contacts and limits."""
-        model = with_masses(self._machine.mj_model, laws.masses, laws.payloads)
+        masses, lightest = dict(laws.masses), QUANTITIES[BODY]["mass"].lowest
+        for part, mass in stated.items():
+            masses[part] = max(masses[part] + mass - self._machine.values[part], lightest)
+        model = with_masses(self._machine.mj_model, masses, laws.payloads)
         model.opt.gravity[:] = laws.gravity
         for flag in (_OFF.mjDSBL_CONTACT, _OFF.mjDSBL_LIMIT, _OFF.mjDSBL_ACTUATION):
             model.opt.disableflags |= int(flag)
         return model
+
+    def _simulated(self, laws: Laws, stated: Mapping[Part, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Model of the free windows and its data."""
+        model = self._model(laws, stated)
+        model.opt.timestep = self._log.period / self.substeps
+        model.opt.disableflags |= int(_OFF.mjDSBL_SENSOR)
+        model.dof_armature[:] = laws.joints[:, ARMATURE]
+        model.jnt_stiffness[:] = laws.joints[:, SPRING]
+        model.qpos_spring[:] = laws.joints[:, SPRING_REST]
+        model.dof_dampingpoly[:, 0] = 0.0
+        model.dof_solimp[:, :2] = _STIFF
+        model.dof_solref[:] = (2.0 * model.opt.timestep, 1.0)
+        mj_data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, mj_data)
+        return model, mj_data
 
     def windows(
         self,
@@ -188,17 +245,6 @@ class Dynamics:
           chosen: Windows to simulate, shape (w, WINDOW).
         """
         log = self._log
-        model = self._model(laws)
-        model.opt.timestep = log.period / self.substeps
-        model.opt.disableflags |= int(_OFF.mjDSBL_SENSOR)
-        model.dof_armature[:] = laws.joints[:, ARMATURE]
-        model.jnt_stiffness[:] = laws.joints[:, SPRING]
-        model.qpos_spring[:] = laws.joints[:, SPRING_REST]
-        model.dof_dampingpoly[:, 0] = 0.0
-        model.dof_solimp[:, :2] = _STIFF
-        model.dof_solref[:] = (2.0 * model.opt.timestep, 1.0)
-        mj_data = mujoco.MjData(model)
-        mujoco.mj_setConst(model, mj_data)
         found = np.full((log.blocks, 2 * len(laws.joints)), np.nan)
         links, speeds, loads = motion.position, motion.speed, np.zeros(motion.position.shape)
         braking = loads
@@ -208,22 +254,34 @@ class Dynamics:
             electric = -laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
             damping = laws.joints[:, DAMPING] + np.where(log.enabled, electric, 0.0)
             braking = damping * motion.bent[1] + laws.joints[:, ARMATURE] * motion.bent[2]
-        kernels.free_windows(
-            _arrays(model, mj_data),
-            laws.joints,
-            curve,
-            chosen,
-            self.substeps,
-            log.times,
-            links,
-            speeds,
-            loads,
-            braking,
-            commands,
-            log.enabled,
-            log.size,
-            found,
-        )
+        gaps, braking = np.zeros(links.shape), np.array(braking)
+        if (play := motion.play) is not None:
+            gaps = play.gap[0]
+            links, speeds = links - gaps, speeds - play.gap[1]
+            braking += laws.joints[:, ARMATURE] * play.gap[2]
+            electric = laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
+            braking -= np.where(log.enabled, electric, 0.0) * play.gap[1]
+        for load, parts in self._loads.items():
+            simulated = self._simulated(laws, dict(load))
+            inside = [(p.start <= chosen[:, FIRST]) & (chosen[:, FIRST] < p.stop) for p in parts]
+            own = chosen[np.any(inside, axis=0)]
+            kernels.free_windows(
+                _arrays(*simulated),
+                laws.joints,
+                curve,
+                own,
+                self.substeps,
+                log.times,
+                links,
+                speeds,
+                loads,
+                gaps,
+                braking,
+                commands,
+                log.enabled,
+                log.size,
+                found,
+            )
         return found
 
 
@@ -284,7 +342,14 @@ def effective_inputs(laws: Laws, log: MachineLog) -> Array:
         late = law.delay + laws.clock - law.reading.delay
         commands = np.empty(len(raw))
         kernels.effective_commands(
-            np.ascontiguousarray(raw), log.stretches, late, law.lag, log.period, *law.limits, commands
+            np.ascontiguousarray(raw),
+            log.stretches,
+            late,
+            law.lag,
+            log.period,
+            *law.limits,
+            laws.has_force(j),
+            commands,
         )
         found[:, j] = commands
     return found

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import mujoco
 
-from omnimj.effects.parts import ACTUATOR
+from omnimj.effects.parts import ACTUATOR, BODY, Part
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.plant.mujoco.machine import Machine, channel_names
 from omnimj.plant.mujoco.quantities import Drive
-from omnimj.recording.dataset import MJCF, Dataset, Run, plant_columns
+from omnimj.recording.dataset import MASS_OF, MJCF, Dataset, Run, plant_columns
 
 _KINEMATIC = {
     mujoco.mjtSensor.mjSENS_JOINTPOS,
@@ -70,6 +70,28 @@ def measured_parts(dataset: Dataset, machine: Machine) -> MeasuredParts:
         tuple(_sensors(machine, first, notes)),
         tuple(notes),
     )
+
+
+def stated_masses(run: Run, machine: Machine, place: object) -> dict[Part, float]:
+    """Masses of bodies that a run states by its conditions `mass:BODY` [kg].
+
+    Args:
+      run: A run of the machine.
+      machine: The machine.
+      place: Path of the dataset, for messages.
+
+    Raises:
+      UnknownNameError: The MJCF file has no such body; the message lists its bodies.
+    """
+    found = {}
+    for key, value in run.conditions.items():
+        if key.startswith(MASS_OF):
+            body, known = key.removeprefix(MASS_OF), machine.parts(BODY)
+            if body not in known:
+                where = f"{place}: run {run.name!r}: {key!r}"
+                raise UnknownNameError(where, f"body of {machine.file.name}", body, known)
+            found[BODY, body, "mass"] = float(value)
+    return found
 
 
 def _require_names(dataset: Dataset, machine: Machine, run: Run) -> None:

@@ -48,9 +48,12 @@ from omnimj.signals import Array
     HIGH,
     REST_SPEED,
     FORCE_PER_UNIT,
-) = range(27)
-LAW = 27
-"""Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel."""
+    PLAY,
+    STILL,
+) = range(29)
+LAW = 29
+"""Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel. `STILL`: share of
+the rest speed up to which any friction within its bounds is possible."""
 
 KNOTS = 8
 CURVE_JOINT, CURVE_KIND, CURVE_LOW, CURVE_HIGH = range(4)
@@ -74,7 +77,7 @@ def _curve_force(curve, joint, position, speed, time):
 
 
 @kernel
-def _dry_friction(law, position, speed, load):
+def dry_friction(law, position, speed, load):
     """Dry friction in forward and in backward motion, both ≥ 0 [N or N.m].
 
     D± = C ± ΔC/2 + S exp(−(v/v_s)²) + P exp(−((q − q_P)/w)²/2) + μ |R|
@@ -89,7 +92,7 @@ def _dry_friction(law, position, speed, load):
 
 
 @kernel
-def _damping(law, speed):
+def damping(law, speed):
     """Damping coefficient b ± Δb/2 + c |v|."""
     half = 0.5 * law[ASYMMETRIC_DAMPING]
     side = half if speed > 0.0 else (-half if speed < 0.0 else 0.0)
@@ -106,41 +109,72 @@ def _drive_force(law, command, position, speed):
 
 
 @kernel
-def missing_forces(laws, curve, times, position, speed, acceleration, rigid, commands, enabled, missing):
-    """Force that each joint's balance lacks along the measured motion.
+def steady_force(law, position):
+    """Force of springs and offset that the joint takes [N or N.m]."""
+    spring = law[SPRING] * (position - law[SPRING_REST]) + law[CABLE] * (position - law[CABLE_REST])
+    return spring - law[OFFSET]
+
+
+@kernel
+def missing_forces(laws, curve, times, motion, links, commands, enabled, missing, friction):
+    """Force that each joint's balance lacks along the measured motion, and the dry friction apart.
 
     Args:
       laws: Laws of the joints, shape (j, LAW).
       curve: Free curve, shape (CURVE,).
       times: Time since the start of the run, shape (n,) [s].
-      position: Shape (n, j).
-      speed: Shape (n, j).
-      acceleration: Shape (n, j).
-      rigid: Rigid-body forces, without armature, springs and friction, shape (n, j).
+      motion: Position, speed and acceleration, shape (3, n, j).
+      links: Rigid-body forces without armature, springs and friction, with what play changes of them; speed
+        of the links behind their play, and 1 where they touch the motor, otherwise 0; shape (3, n, j).
       commands: Effective inputs of the actuators, shape (n, j).
       enabled: Whether the actuators are on, shape (n, j).
-      missing: Filled with needed − produced force, shape (n, j) [N or N.m].
+      missing: Filled with needed − produced force without dry friction, shape (n, j) [N or N.m].
+      friction: Filled with the dry friction, shape (n, j) [N or N.m].
     """
     for k in range(len(times)):
         for j in range(len(laws)):
             law = laws[j]
-            q, v = position[k, j], speed[k, j]
-            needed = law[ARMATURE] * acceleration[k, j] + rigid[k, j] + _damping(law, v) * v
-            needed += law[SPRING] * (q - law[SPRING_REST]) + law[CABLE] * (q - law[CABLE_REST])
-            needed -= law[OFFSET] + _curve_force(curve, j, q, v, times[k])
+            q, v, rigid, sliding = motion[0, k, j], motion[1, k, j], links[0, k, j], links[1, k, j]
+            needed = law[ARMATURE] * motion[2, k, j] + rigid + damping(law, v) * v
+            needed += steady_force(law, q) - _curve_force(curve, j, q, v, times[k])
             produced = _drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
-            forward, backward = _dry_friction(law, q, v, rigid[k, j])
-            share = min(max(v / law[REST_SPEED], -1.0), 1.0)  # 0 at rest, ±1 in motion
+            forward, backward = dry_friction(law, q, sliding, rigid)
+            still = law[STILL]
+            share = (abs(sliding) / law[REST_SPEED] - still) / (1.0 - still)
+            share = min(max(share, 0.0), 1.0)  # 0 at rest, 1 in motion
+            share = share if sliding > 0.0 else -share
             low, high = -backward, forward
             if share > 0.0:
                 low += share * (forward + backward)
             else:
                 high += share * (forward + backward)
-            missing[k, j] = needed - produced + min(max(produced - needed, low), high)
+            missing[k, j] = needed - produced
+            friction[k, j] = links[2, k, j] * min(max(produced - needed, low), high)
 
 
 @kernel
-def effective_commands(raw, stretches, late, lag, period, low, high, commands):
+def _between(values, place, first, last):
+    """Cubic through four rows about a place, constant beyond the ends.
+
+    A straight line between two rows would take away what changes fast, noise included: a search would take
+    that for a delay or for the compliance of a spring.
+    """
+    place = min(max(place, float(first)), float(last - 1))
+    at = min(max(int(place) - 1, first), last - 4)
+    t = place - at - 1.0
+    before, after = (t - 1.0) * (t - 2.0), (t + 1.0) * t
+    found = before * (3.0 * (t + 1.0) * values[at + 1] - t * values[at])
+    return (found + after * ((t - 1.0) * values[at + 3] - 3.0 * (t - 2.0) * values[at + 2])) / 6.0
+
+
+@kernel
+def _at(values, place, first, last, is_smooth):
+    """Value between rows."""
+    return _between(values, place, first, last) if is_smooth else value_at(values, place, first, last)
+
+
+@kernel
+def effective_commands(raw, stretches, late, lag, period, low, high, is_smooth, commands):
     """Commands as the actuator receives them: delayed, limited, filtered with a first-order lag.
 
     Args:
@@ -151,6 +185,7 @@ def effective_commands(raw, stretches, late, lag, period, low, high, commands):
       period: Time between rows [s].
       low: Least command.
       high: Largest command.
+      is_smooth: True for values between rows by cubics, False for those by straight lines.
       commands: Filled, shape (n,).
     """
     keep = math.exp(-period / lag) if lag > 1e-6 else 0.0
@@ -158,25 +193,27 @@ def effective_commands(raw, stretches, late, lag, period, low, high, commands):
         first, last = stretches[s, 0], stretches[s, 1]
         state = min(max(raw[first], low), high)
         for k in range(first, last):
-            wanted = min(max(value_at(raw, k - late / period, first, last), low), high)
+            wanted = _at(raw, k - late / period, first, last, is_smooth)
+            wanted = min(max(wanted, low), high)
             state = keep * state + (1.0 - keep) * wanted
             commands[k] = state
 
 
 @kernel
-def shifted(values, stretches, rows, shifted_values):
+def shifted(values, stretches, rows, is_smooth, shifted_values):
     """Values of one column some rows later, interpolated inside its stretch.
 
     Args:
       values: Shape (n,).
       stretches: Table of stretches.
       rows: Number of rows, not whole.
+      is_smooth: True for cubics, False for straight lines between rows.
       shifted_values: Filled, shape (n,).
     """
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
         for k in range(first, last):
-            shifted_values[k] = value_at(values, k + rows, first, last)
+            shifted_values[k] = _at(values, k + rows, first, last, is_smooth)
 
 
 class Simulation(NamedTuple):
@@ -241,6 +278,7 @@ def free_windows(
     position,
     speed,
     loads,
+    gaps,
     braking,
     commands,
     enabled,
@@ -259,7 +297,8 @@ def free_windows(
       position: Positions of the links, behind the springs, shape (n, j).
       speed: Their speeds, shape (n, j).
       loads: Forces that the springs transmit, 0 without one, shape (n, j).
-      braking: Forces on the motors by the deflection of their springs, shape (n, j).
+      gaps: Positions of the motors minus those of the links by play, shape (n, j).
+      braking: Forces on the motors by play and the deflection of their springs, shape (n, j).
       commands: Effective inputs of the actuators, shape (n, j).
       enabled: Whether the actuators are on, shape (n, j).
       size: Rows per block.
@@ -276,7 +315,7 @@ def free_windows(
         for k in range(first, last):
             block = at + (k - first) // size
             for j in range(joints):
-                blocks[block, j] += (simulation.qpos[j] + laws[j, COMPLIANCE] * load[j]) / size
+                blocks[block, j] += (simulation.qpos[j] + laws[j, COMPLIANCE] * load[j] + gaps[k, j]) / size
                 blocks[block, joints + j] += simulation.qvel[j] / size
             if k + 1 == last:
                 break
@@ -296,8 +335,8 @@ def free_windows(
 def _set_forces(simulation, law, curve, j, command, is_on, time, load):
     """Set damping, dry friction and applied force of a joint for the next step."""
     q, v = simulation.qpos[j], simulation.qvel[j]
-    forward, backward = _dry_friction(law, q, v, load[j])
-    damping = _damping(law, v)
+    forward, backward = dry_friction(law, q, v, load[j])
+    slowing = damping(law, v)
     push = law[OFFSET] + _curve_force(curve, j, q, v, time) - law[CABLE] * (q - law[CABLE_REST])
     if is_on:
         force = _drive_force(law, command, q, v)
@@ -307,12 +346,12 @@ def _set_forces(simulation, law, curve, j, command, is_on, time, load):
             limited = force >= law[GEAR] * law[LOW] or force <= law[GEAR] * law[HIGH]
         if law[VELOCITY_GAIN] < 0.0 and not limited:
             electric = -law[VELOCITY_GAIN] * law[GEAR] * law[GEAR]
-            damping += electric  # taken implicitly by MuJoCo's step
+            slowing += electric  # taken implicitly by MuJoCo's step
             push += electric * v
-    if damping < 0.0:
-        push -= damping * v
-        damping = 0.0
-    simulation.damping[j] = damping
+    if slowing < 0.0:
+        push -= slowing * v
+        slowing = 0.0
+    simulation.damping[j] = slowing
     simulation.friction[j] = 0.5 * (forward + backward)
     simulation.applied[j] = push - 0.5 * (forward - backward)
 

@@ -33,11 +33,13 @@ from omnimj.estimate.replay.mjcf.kernels import (
     PLACE,
     PLACE_FORCE,
     PLACE_WIDTH,
+    PLAY,
     POSITION_GAIN,
     QUADRATIC,
     REST_SPEED,
     SPRING,
     SPRING_REST,
+    STILL,
     STRIBECK_FORCE,
     STRIBECK_VELOCITY,
     VELOCITY_GAIN,
@@ -49,6 +51,7 @@ from omnimj.signals import Array
 TIMING = "timing"
 """Base parameter: lag of the positions' clock behind that of the inputs, less than a sample period [s]."""
 
+_STILL = 0.5  # share of the rest speed up to which a joint with a measured force may have any friction
 _QUANTITIES = {
     DAMPING: "damping",
     QUADRATIC: "quadratic_damping",
@@ -70,6 +73,7 @@ _TERMS = {
     LOAD_SHARE: "load_share",
     OFFSET: "offset",
     COMPLIANCE: "compliance",
+    PLAY: "play",
 }
 
 
@@ -99,6 +103,10 @@ class Laws:
     channels: Mapping[str, ChannelEffect]
     clock: float
     """Lag of the positions' clock behind that of the inputs [s]."""
+
+    def has_force(self, joint: int) -> bool:
+        """True for a joint whose actuator's force was measured."""
+        return bool(self.joints[joint, STILL] > 0.0)
 
     def channel(self, name: str) -> ChannelEffect:
         """Change of the readings of a channel."""
@@ -172,7 +180,8 @@ class LawMaker:
         drive = changed_drive(own.drive, values, np.inf if limit >= NO_LIMIT else limit)
         row[GEAR] = drive.gear
         if own.is_force:
-            row[GAIN], law = 1.0, InputLaw(reading, 0.0, 0.0, (-np.inf, np.inf))
+            row[GAIN], row[STILL] = 1.0, _STILL
+            law = InputLaw(reading, 0.0, 0.0, (-np.inf, np.inf))
         else:
             row[GAIN], row[BIAS] = drive.gain, drive.bias
             row[POSITION_GAIN], row[VELOCITY_GAIN] = drive.position_gain, drive.velocity_gain

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from omnimj.errors import InputError
@@ -66,6 +67,13 @@ class MachineLog:
     """Standard deviation of the noise of each position, quantisation included, shape (j,)."""
     speed_noise: Array
     """Standard deviation of the noise of each smoothed speed, shape (j,)."""
+    input_noise: Array
+    """Standard deviation of the noise of each measured input, 0 without one, shape (j,)."""
+
+    @property
+    def filter_widths(self) -> list[int]:
+        """Width of each joint's filter of local cubics [rows]; 5 at least."""
+        return [max(2 * round(half / self.period) + 1, 5) for half in self.reach.tolist()]
 
     @property
     def blocks(self) -> int:
@@ -104,7 +112,7 @@ def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -
         raise InputError("dataset", "no run is long enough", f"{0.5 * window:g} s without a gap are needed")
     joints = range(len(parts.joints))
     places = [[s.columns[f"position:{parts.joints[j]}"] for s in kept] for j in joints]
-    noise = np.array([_encoder_noise(runs, f"position:{name}") for name in parts.joints])
+    noise = np.array([_logged_noise(runs, f"position:{name}") for name in parts.joints])
     widths = [_width(places[j], period, noise[j]) for j in joints]
     pieces = [_smoothed(s, parts, widths, period, stride) for s in kept]
     table, windows = _tables([len(p["times"]) for p in pieces], size, length)
@@ -119,12 +127,13 @@ def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -
         reach=np.array([0.5 * (w - 1) * period for w in widths]),
         position_noise=noise,
         speed_noise=noise * np.array(spread),
+        input_noise=np.array([0.0 if i is None else _logged_noise(runs, i.column) for i in parts.inputs]),
         **whole,
     )
 
 
-def _encoder_noise(runs: Sequence[Run], name: str) -> float:
-    """Noise of a position as it was logged: between the samples of a coarse encoder it would seem finer."""
+def _logged_noise(runs: Sequence[Run], name: str) -> float:
+    """Noise of a channel as it was logged: between the samples of a coarse encoder it would seem finer."""
     logged = [
         run.columns[name][~np.asarray(run.masked.get(name, np.zeros(len(run.time), bool)))] for run in runs
     ]
@@ -189,7 +198,7 @@ def _smoothed(
         valid[: width // 2, k] = valid[n - width // 2 :, k] = False
     sensors: list[Any] = [savgol_filter(stretch.columns[f"sensor:{s}"], widths[0], 3) for s in parts.sensors]
     rows = slice(0, n, stride)
-    whole = {key: values[rows] for key, values in found.items()}
+    whole = {key: _thinned(values, stride) for key, values in found.items()}
     stacked = np.column_stack(sensors) if sensors else np.zeros((n, 0))
     more = {
         "times": stretch.time[rows],
@@ -198,6 +207,14 @@ def _smoothed(
         "sensors": stacked[rows],
     }
     return {**whole, **more}
+
+
+def _thinned(values: Array, stride: int) -> Array:
+    """Every so many samples, each the mean of its neighbours: noise beyond the new rate would fold back."""
+    if stride == 1:
+        return values
+    triangle = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
+    return correlate1d(values, triangle, axis=0, mode="nearest")[::stride]
 
 
 def _near(bad: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:

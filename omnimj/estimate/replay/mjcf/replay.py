@@ -13,6 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
+from scipy.signal import savgol_coeffs
 
 from omnimj.effects import MJCF
 from omnimj.estimate.replay.interface import (
@@ -25,7 +27,7 @@ from omnimj.estimate.replay.interface import (
 )
 from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
-from omnimj.estimate.replay.mjcf.columns import measured_parts
+from omnimj.estimate.replay.mjcf.columns import measured_parts, stated_masses
 from omnimj.estimate.replay.mjcf.contacts import free_runs
 from omnimj.estimate.replay.mjcf.experiments import machine_experiments, moved_log
 from omnimj.estimate.replay.mjcf.kernels import (
@@ -63,6 +65,7 @@ _MORE_EFFECTS = 2  # in a model, per joint
 _REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
+_SLOWEST_RATE, _FASTEST_RATE = 2.0 * np.pi, 100.0  # [rad/s] of the filter of missing forces
 _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
 
 
@@ -84,19 +87,21 @@ class MachineReplay:
 
         Raises:
           InputError: A joint or input was not measured, no run is long enough, or bodies touch in all.
-          UnknownNameError: A column names a part that the MJCF file does not have.
+          UnknownNameError: A column or a stated mass names a part that the MJCF file does not have.
         """
         self._machine, self._threads = machine, threads
         self.parts = measured_parts(dataset, machine)
         self._runs, contacts = free_runs(dataset.runs, machine, dataset.path)
         self.log = log = read_machine_log(self._runs, self.parts, window)
-        self._dynamics = Dynamics(machine, log, self.parts.sensors)
+        stated = [stated_masses(self._runs[k], machine, dataset.path) for k in log.run_of_stretch]
+        self._dynamics = Dynamics(machine, log, self.parts.sensors, stated)
         self._windows = self._chosen_windows()
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
         self.base = base_parameters(machine, log.period)
         self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
+        self._smoothing = self._smoothing_of(nominal)
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
@@ -168,6 +173,7 @@ class MachineReplay:
         joints = len(self.parts.joints)
         free = self._dynamics.windows(laws, motion, curve, commands, self._windows)
         columns = []
+        missing = self._balanced(missing)
         means = self._means(self.log.inputs + missing / laws.joints[:, FORCE_PER_UNIT])
         columns += list(means.T)
         for j, name in enumerate(self.parts.joints):
@@ -177,6 +183,33 @@ class MachineReplay:
         columns += self._readings(laws, motion)
         found = np.stack(columns, axis=1)
         found[np.isnan(self.measured)] = np.nan
+        return found
+
+    def _balanced(self, missing: Array) -> Array:
+        """Missing forces, low-passed where the force was measured and the encoder is the noisier sensor."""
+        found = missing.copy()
+        for j in np.flatnonzero(self._smoothing > 0.0):
+            for first, last, _, _ in self.log.stretches:
+                part = slice(int(first), int(last))
+                found[part, j] = gaussian_filter1d(missing[part, j], self._smoothing[j], mode="nearest")
+        return found
+
+    def _smoothing_of(self, nominal: Setting) -> Array:
+        """Width σ of the filter of each joint's missing force, shape (j,) [rows]: 0 without a measured force.
+
+        Its rate ω balances the noise of force and position, ω² = σ_F/(M σ_q), as a steady-state Kalman filter
+        of an inertia M under white force noise does.
+        """
+        log, laws = self.log, self._maker.make(self.base, nominal)
+        motion, found = self._dynamics.motion(laws), np.zeros(len(self.parts.joints))
+        for j, own in enumerate(self.parts.inputs):
+            if own is not None and own.is_force:
+                bends = motion.acceleration[:, j]
+                links = float(bends @ motion.rigid[:, j]) / max(float(bends @ bends), 1e-300)
+                inertia = max(links + laws.joints[j, ARMATURE], 1e-12)
+                noise = log.input_noise[j] * laws.joints[j, FORCE_PER_UNIT]
+                rate = np.sqrt(noise / (inertia * log.position_noise[j]))
+                found[j] = 1.0 / (np.clip(rate, _SLOWEST_RATE, _FASTEST_RATE) * log.period)
         return found
 
     def _readings(self, laws: Laws, motion: Motion) -> list[Array]:
@@ -193,7 +226,7 @@ class MachineReplay:
             if reading.delay:
                 late = np.empty(len(values))
                 rows = -reading.delay / self.log.period
-                kernels.shifted(np.ascontiguousarray(values), self.log.stretches, rows, late)
+                kernels.shifted(np.ascontiguousarray(values), self.log.stretches, rows, False, late)
                 values = late
             found.append(reading.scale * self._means(values[:, None])[:, 0] + reading.offset)
         return found
@@ -255,12 +288,28 @@ class MachineReplay:
 
     def _measured(self) -> Array:
         log = self.log
-        inputs = np.where(log.valid, log.inputs, np.nan)
+        inputs = np.where(log.valid & ~self._turning(), log.inputs, np.nan)
         places = np.full((log.blocks, len(self.parts.joints)), np.nan)
         rows = kernels.window_rows(self._windows, log.size)
         places[rows] = self._means(log.position)[rows]
         velocity = log.velocity[:, np.array(self.parts.has_velocity)]
         return np.hstack([self._means(inputs), places, self._means(velocity), self._means(log.sensors)])
+
+    def _turning(self) -> NDArray[np.bool_]:
+        """Rows around a rest or a reversal of joints with a measured force, shape (n, j).
+
+        The filters mix rows before and after it, in which dry friction differs.
+        """
+        log = self.log
+        found = np.zeros(log.valid.shape, bool)
+        for j in np.flatnonzero(self._smoothing > 0.0):
+            near = round(log.reach[j] / log.period + self._smoothing[j])
+            for first, last, _, _ in log.stretches:
+                part, speed = slice(int(first), int(last)), log.speed[first:last, j]
+                turns = np.abs(speed) < self._maker.rest_speed[j]
+                turns[1:] |= speed[1:] * speed[:-1] < 0.0
+                found[part, j] = binary_dilation(turns, iterations=near) if turns.any() else turns
+        return found
 
     def _channels(self) -> tuple[Channel, ...]:
         """Channels in the order of the columns of `measured`."""
@@ -302,8 +351,20 @@ class MachineReplay:
 
 
 def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:
-    """Needed − produced force along a motion, shape (n, j) [N or N.m]."""
-    found = np.empty(commands.shape)
-    columns = (motion.position, motion.speed, motion.acceleration, motion.rigid)
-    kernels.missing_forces(laws.joints, curve, log.times, *columns, commands, log.enabled, found)
+    """Needed − produced force along a motion, shape (n, j) [N or N.m].
+
+    Dry friction jumps where the smoothed motion turns; that beside a measured force passes its filter, too.
+    """
+    found, friction = np.empty(commands.shape), np.empty(commands.shape)
+    columns = np.stack([motion.position, motion.speed, motion.acceleration])
+    links = np.stack([motion.rigid, motion.speed, np.ones(motion.speed.shape)])
+    if (play := motion.play) is not None:
+        links = np.stack([motion.rigid + play.force, play.speed, play.contact])
+    numbers = (columns, links, commands, log.enabled, found, friction)
+    kernels.missing_forces(laws.joints, curve, log.times, *numbers)
+    for j, width in enumerate(log.filter_widths):
+        weights = savgol_coeffs(width, 3) if laws.has_force(j) else np.ones(1)
+        for first, last, _, _ in log.stretches:
+            part = slice(int(first), int(last))
+            found[part, j] += correlate1d(friction[part, j], weights, mode="nearest")
     return found

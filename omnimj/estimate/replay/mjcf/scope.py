@@ -103,8 +103,11 @@ def _lack(
     own = parts.inputs[parts.joints.index(joint)]
     if kind == JOINT:
         if own is None:
-            reason = "it has no actuator that could bend a spring"
+            reason = "it has no actuator beyond a spring or a play"
             return Lack(f"joint {name}", reason, "give it one if it is driven")
+        if effect == "backlash":
+            reason = f"no force was measured, and {own.column} depends on the motion as well"
+            return Lack(f"joint {name}", reason, f"log force:{own.drive.name}")
         return Lack(f"joint {name}", f"{machine.facts.name} has it already", "change its values there")
     if own is not None and own.is_force:
         reason = f"{own.column} was measured behind them"

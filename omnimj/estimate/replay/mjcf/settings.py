@@ -25,6 +25,7 @@ NOTICED = 0.1
 _MOST = 30.0  # bound of an amplitude in typical sizes: three times the joint's RMS force
 _SLOW = 0.4  # share of the top speed up to which friction counts as friction near standstill
 _SPEEDS, _PLACES = (0.02, 0.05, 0.1, 0.25), (0.1, 0.3, 0.5, 0.7, 0.9)
+_PLAY, _WIDEST = 1e-3, 0.1  # play of typical size and widest play, over the joint's range
 _ADDED = 0.05  # payload of typical size over the mass of its body and what it carries
 _ARMS = (0.5, 1.0, 1.5, 2.0)  # places of a payload, over the distance of the centre of mass
 
@@ -104,8 +105,11 @@ def _choices(
     moving = [name for name in parts.joints if spans[name].is_excited]
     inputs = {own.drive.joint: own for own in parts.inputs if own is not None}
     if selector.name == JOINT:
-        driven_only = effect.name == "compliance"
-        names = [j for j in moving if j in inputs or not driven_only]
+        names = moving
+        if effect.name == "compliance":
+            names = [j for j in moving if j in inputs]
+        elif effect.name == "backlash":
+            names = [j for j in moving if j in inputs and inputs[j].is_force]
         if effect.name in _ONCE:
             names = [j for j in names if not _present(machine, effect.name, j)]
         yield from ({JOINT: name} for name in names)
@@ -177,6 +181,9 @@ def _shapes(
         if effect.name == "saturation":
             peak = spans[joint].peak / abs(next(d.gear for d in machine.drives if d.joint == joint))
             shape = dataclasses.replace(shape, low=0.1 * peak, high=peak, typical=0.7 * peak, null_value=peak)
+        elif effect.name == "backlash":
+            reach = spans[joint].high - spans[joint].low
+            shape = dataclasses.replace(shape, high=_WIDEST * reach, typical=_PLAY * reach)
         elif p.null_value is None:
             shape = _placed(shape, spans[joint])
         else:

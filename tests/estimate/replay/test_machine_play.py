@@ -1,0 +1,84 @@
+"""Play between motor and link: against two masses integrated by the axis' equations, and in a replay."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from omnimj.effects import with_effects
+from omnimj.estimate.replay.interface import Setting
+from omnimj.estimate.replay.mjcf.axis_logs import as_machine_logs
+from omnimj.estimate.replay.mjcf.kernels import DAMPING, DRY, LAW, PLAY, REST_SPEED
+from omnimj.estimate.replay.mjcf.play import follow_links
+from omnimj.estimate.replay.mjcf.replay import MachineReplay
+from omnimj.parameters import read_axis
+from omnimj.parameters.axis import AxisExtras
+from omnimj.physics.axis import DRIVE_SPEED, GAP, POSITION, SPEED, axis_row, frozen, no_curve, step
+from omnimj.plant.axis import drive_axis, servo
+from omnimj.plant.mujoco.machine import read_machine_file
+from omnimj.recording.dataset import Dataset, Run
+from omnimj.resources import models_folder
+from omnimj.simulate.suites.axis import wander
+
+AXIS = read_axis()
+MACHINE = read_machine_file(models_folder() / "linear_axis" / "linear_axis.xml")
+PERIOD, WIDE = 1e-3, 4e-4
+
+
+def two_masses(duration=4.0):
+    """States of drive and carriage under a force of two sines, at 20 steps per sample."""
+    row, curve = frozen(axis_row(dataclasses.replace(AXIS, extras=AxisExtras(play=WIDE))), no_curve())
+    state, states, fine = (0.0, 0.0, 0.5 * WIDE, 0.0, 0.0), [], 20
+    for k in range(round(duration / PERIOD)):
+        states.append(state)
+        for s in range(fine):
+            t = (k + (s + 0.5) / fine) * PERIOD
+            force = 60.0 * np.sin(5.0 * t) + 25.0 * np.sin(14.0 * t)
+            state = step(row, curve, state, force, 0.0, t, PERIOD / fine)
+    return np.array(states)
+
+
+def test_the_link_moves_behind_the_motor_as_the_second_of_two_masses(measured):
+    states = two_masses()
+    law = np.zeros(LAW)
+    law[PLAY], law[REST_SPEED], law[DAMPING], law[DRY] = WIDE, 1e-5, AXIS.axis.viscous, AXIS.axis.coulomb
+    position, speed = states[:, POSITION] + states[:, GAP], states[:, DRIVE_SPEED].copy()
+    acceleration = np.gradient(speed, PERIOD)
+    mass = np.full(len(speed), AXIS.axis.mass - AXIS.axis.drive_mass)
+    found, stretches = np.empty((4, len(speed))), np.array([[0, len(speed), 0, 0]])
+    follow_links(law, stretches, PERIOD, position, speed, acceleration, mass * acceleration, mass, found)
+    gap = np.abs(found[0] - states[:, GAP])
+    measured("gap of play against two masses, mean over the width [1]", gap.mean() / WIDE, 0.03)
+    assert gap.mean() < 0.03 * WIDE
+    assert np.abs(found[2] - states[:, SPEED]).mean() < 0.01 * np.abs(states[:, SPEED]).max()
+    apart = np.abs(states[:, GAP]) < 0.49 * WIDE
+    assert 0.02 < apart.mean() < 0.5 and (found[3][apart] == 0.0).mean() > 0.9
+
+
+@pytest.fixture(scope="module")
+def loose():
+    axis = with_effects(AXIS, {"backlash": {"angle": 3e-4}})
+    path = wander(0.1, 0.3, 12.0, PERIOD)
+    columns = drive_axis(axis, path, servo(AXIS), seed=1)
+    run = Run("a", {name: columns[name] for name in ("time", "force", "position")}, {}, {})
+    return MachineReplay(as_machine_logs(Dataset(MACHINE.file, "linear_axis", (run,)), MACHINE), MACHINE)
+
+
+def test_a_play_in_the_logs_is_explained_by_its_width(loose):
+    base = np.array([b.nominal for b in loose.base])
+    rest = {}
+    for width in (0.0, 1.5e-4, 3e-4, 4.5e-4):
+        effects = {"backlash (carriage)": np.array([width])}
+        (found,) = loose.simulate([Setting(base, effects)])
+        rest[width] = float(np.sqrt(np.nanmean((loose.measured - found)[:, 0] ** 2)))
+    assert min(rest, key=rest.__getitem__) == 3e-4
+    assert rest[3e-4] < 0.3 * rest[0.0]
+
+
+def test_momentum_is_kept_where_motor_and_link_meet(loose):
+    """The force over a landing is that of both masses: what play adds has no mean beyond its rows."""
+    base = np.array([b.nominal for b in loose.base])
+    settings = [Setting(base), Setting(base, {"backlash (carriage)": np.array([3e-4])})]
+    plain, other = loose.simulate(settings)
+    change = (other - plain)[:, 0]
+    assert abs(np.nanmean(change)) < 0.05 * np.nanstd(change)
