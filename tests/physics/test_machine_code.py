@@ -122,7 +122,8 @@ def allocations():
 
 def test_arrays_inside_of_records_are_freed(load, allocations):
     module = load()
-    module.total(2.0, 1000), module.pair_of(2.0, 1000)
+    module.total(2.0, 1000)
+    module.pair_of(2.0, 1000)
     made, freed = allocations()
     for _ in range(5):
         module.total(2.0, 1000)
