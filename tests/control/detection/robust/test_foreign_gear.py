@@ -27,7 +27,7 @@ from omnimj.control.detection.robust.force_balance import (
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_robot
 from omnimj.simulate.detectors import make_detector
-from omnimj.studies.evaluation.cases import CasePopulation, draw_case, nominal_scenario
+from omnimj.studies.evaluation.cases import CasePopulation, draw_cases, nominal_scenario
 from omnimj.studies.evaluation.trial import make_true_plant
 from omnimj.studies.random_truth import drive_on_plant
 
@@ -120,7 +120,7 @@ def test_a_wheel_is_too_noisy_unless_most_wheels_shake(rough, fails):
 )
 def test_a_healthy_robot_of_another_structure_drives_a_mission_without_an_alarm(number):
     """Missions with alarms where the gear's share is learnt from all wheels; E_b is 0.43 to 0.51 in five."""
-    case = draw_case(CasePopulation(seed=8000, faults=("none",), structure="drawn"), number)
+    (case,) = draw_cases(CasePopulation(seed=8000, faults=("none",), structure="drawn"), (number,))
     scenario = nominal_scenario(case)
     trace = drive_on_plant(scenario, make_true_plant(case, scenario, ()), make_detector("robust", scenario))
     assert trace.about["diagnoses"] == []
