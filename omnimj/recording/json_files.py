@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.recording.folder import atomic_file
+from omnimj.signals import Array
 
 
 def to_jsonable(value: Any) -> Any:
@@ -26,6 +27,16 @@ def to_jsonable(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def rounded(value: float) -> float | None:
+    """Round to six significant digits; None where the value is not finite."""
+    return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+def rounded_list(values: Array) -> list[float | None]:
+    """Round every value of an array, shape (n,), as `rounded` does."""
+    return [rounded(value) for value in values.tolist()]
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -35,15 +35,6 @@ class Drive(NamedTuple):
     """Measured x, y [m] and heading [rad] at the first sample."""
 
 
-def unmasked(run: Run, names: tuple[str, ...]) -> Array:
-    """Columns of a run, NaN where masked, shape (k, columns)."""
-    table = np.column_stack([np.array(run.columns[name], float) for name in names])
-    for column, name in enumerate(names):
-        if (bad := run.masked.get(name)) is not None:
-            table[bad, column] = np.nan
-    return table
-
-
 def wheel_names(channel: str, wheels: int) -> tuple[str, ...]:
     """Column names of a channel of every wheel."""
     return tuple(f"{channel}_{i}" for i in range(1, wheels + 1))
@@ -62,8 +53,8 @@ def measured_drive(run: Run, robot: Robot, floor: str) -> Drive:
     Raises:
       InputError: A run whose pose or whose wheel speeds are masked throughout.
     """
-    speeds = unmasked(run, wheel_names("wheel_speed", robot.wheel_count))
-    pose = unmasked(run, ("x", "y", "heading"))
+    speeds = run.unmasked(wheel_names("wheel_speed", robot.wheel_count))
+    pose = run.unmasked(("x", "y", "heading"))
     known = np.isfinite(pose).all(axis=1)
     if not known.any() or not np.isfinite(speeds).any(axis=0).all():
         raise InputError(
@@ -127,7 +118,7 @@ def replay_drive(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor
     begins = _counted_from(now, drive.targets, robot.wheel.radius)
     counted = now >= begins
     measured = Motion(
-        _unwrapped(unmasked(run, ("x", "y", "heading"))), unmasked(run, wheel_names("current", n))
+        _unwrapped(run.unmasked(("x", "y", "heading"))), run.unmasked(wheel_names("current", n))
     )
     return DrivenRun(
         run=run.name,

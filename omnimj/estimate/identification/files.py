@@ -20,11 +20,10 @@ from omnimj.estimate.identification.records import (
 )
 from omnimj.parameters import Floor
 from omnimj.parameters.floor import FLOOR_UNITS, format_floor, printable_line
-from omnimj.recording.json_files import write_text
+from omnimj.recording.json_files import rounded, rounded_list, write_text
 
 FLOORS_FILE, JSON_FILE = "floors.toml", "identification.json"
 _LEAST_UNCERTAINTY = 0.01
-_DIGITS = 6
 
 
 def write_floors(path: Path, identification: Identification) -> None:
@@ -74,18 +73,18 @@ def _floor(floor: IdentifiedFloor) -> dict[str, Any]:
         "parameters": {e.name: _estimate(e) for e in floor.estimates},
         "undetermined": list(floor.undetermined),
         "directions": [
-            {"weights": dict(d.weights), "relative_spread": _number(d.relative_spread)}
+            {"weights": dict(d.weights), "relative_spread": rounded(d.relative_spread)}
             for d in floor.directions
         ],
-        "slip_range": [_number(end) for end in curve.covered],
+        "slip_range": [rounded(end) for end in curve.covered],
         "curve": _curve(curve),
-        "rms": {name: _number(value) for name, value in floor.rms.items()},
+        "rms": {name: rounded(value) for name, value in floor.rms.items()},
         "runs": list(floor.runs),
         "left_out": list(floor.left_out),
         "masses": list(floor.masses),
-        "radius_scale": _number(floor.radius_scale),
+        "radius_scale": rounded(floor.radius_scale),
         "samples": floor.samples,
-        "effective_samples": _number(floor.effective_samples),
+        "effective_samples": rounded(floor.effective_samples),
         "clusters": floor.clusters,
     }
 
@@ -103,20 +102,12 @@ def _curve(curve: SteadyCurve) -> dict[str, Any]:
         "level_low": curve.level_low,
         "level_high": curve.level_high,
     }
-    return {name: _numbers(values[within]) for name, values in columns.items()}
+    return {name: rounded_list(values[within]) for name, values in columns.items()}
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
-    low, high = (None if end is None else _number(end) for end in (estimate.low, estimate.high))
-    return {"value": _number(estimate.value), "low": low, "high": high, "unit": estimate.unit}
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
-
-
-def _numbers(values: np.ndarray) -> list[float | None]:
-    return [_number(value) for value in values.tolist()]
+    low, high = (None if end is None else rounded(end) for end in (estimate.low, estimate.high))
+    return {"value": rounded(estimate.value), "low": low, "high": high, "unit": estimate.unit}
 
 
 def _uncertainty(curve: SteadyCurve) -> float:
@@ -137,7 +128,7 @@ def validation_content(validation: Validation, command: str = "") -> dict[str, A
         "interrupted": validation.interrupted,
         "notes": list(validation.notes),
         "plants": list(validation.plants),
-        "mean": {plant: _number(validation.mean(plant)) for plant in validation.plants},
+        "mean": {plant: rounded(validation.mean(plant)) for plant in validation.plants},
         "table": [_cell(cell) for cell in validation.cells],
         "runs": [
             {
@@ -145,10 +136,10 @@ def validation_content(validation: Validation, command: str = "") -> dict[str, A
                 "plant": run.plant,
                 "floor": run.floor,
                 "mass": run.mass,
-                "lateral_speed": _number(run.lateral_speed),
-                "current": _number(run.current),
-                "carriage_speed_rms": _number(run.carriage_rms),
-                "wheel_speed_rms": _number(run.wheel_rms),
+                "lateral_speed": rounded(run.lateral_speed),
+                "current": rounded(run.current),
+                "carriage_speed_rms": rounded(run.carriage_rms),
+                "wheel_speed_rms": rounded(run.wheel_rms),
             }
             for run in validation.runs
         ],
@@ -162,8 +153,8 @@ def _cell(cell: Cell) -> dict[str, Any]:
         "lateral_speed": cell.lateral_speed,
         "current": cell.current,
         "runs": list(cell.runs),
-        "carriage_speed_rms": {plant: _number(value) for plant, value in cell.rms.items()},
-        "wheel_speed_rms": {plant: _number(value) for plant, value in cell.wheel_rms.items()},
+        "carriage_speed_rms": {plant: rounded(value) for plant, value in cell.rms.items()},
+        "wheel_speed_rms": {plant: rounded(value) for plant, value in cell.wheel_rms.items()},
         "published": None,
     }
     if len(cell.published) == 1:

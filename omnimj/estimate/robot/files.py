@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,12 +18,12 @@ from omnimj.estimate.robot.records import (
 )
 from omnimj.estimate.robot.uncertainty import LEVEL
 from omnimj.parameters.floor import FLOOR_UNITS, Floor, format_floor, printable_line
+from omnimj.recording.json_files import rounded
 from omnimj.signals import Array
 
 MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE = "model.toml", "floors.toml", "thresholds.toml"
 JSON_FILE, REPORT_FILE = "identification.json", "report.md"
 ROBOT_FILES = (MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE, JSON_FILE, REPORT_FILE)
-_DIGITS = 6
 _FAST = 1e-3  # [m] way over which a bristle of an identified floor stretches: below what the logs resolve
 _SPEED = 0.5  # [m/s] rolling speed at which the covered slip is taken as a creep ratio
 _MOST_GRIP = 1.0  # traction over load in full sliding where the logs do not show it
@@ -40,15 +39,15 @@ def identification_content(found: RobotIdentification, command: str = "") -> dic
         "command": command,
         "confidence": LEVEL,
         "runs": list(found.runs),
-        "seconds": _number(found.seconds),
+        "seconds": rounded(found.seconds),
         "notes": list(found.notes),
         "parameters": {one.name: _estimate(one) for one in found.estimates},
         "not_excited": [_unexcited(one) for one in found.unexcited],
-        "sensors": {name: _number(value) for name, value in found.noise.items()},
+        "sensors": {name: rounded(value) for name, value in found.noise.items()},
         "misfit": dict(
             zip(
                 ("acceleration_x", "acceleration_y", "yaw_acceleration"),
-                map(_number, found.residual.tolist()),
+                map(rounded, found.residual.tolist()),
                 strict=True,
             )
         ),
@@ -59,12 +58,12 @@ def identification_content(found: RobotIdentification, command: str = "") -> dic
 
 def _estimate(one: RobotEstimate) -> dict[str, Any]:
     return {
-        "value": _number(one.value),
-        "low": _number(one.low),
-        "high": _number(one.high),
+        "value": rounded(one.value),
+        "low": rounded(one.low),
+        "high": rounded(one.high),
         "unit": one.unit,
-        "nominal": _number(one.nominal),
-        "deviation_over_prior": _number(one.left_of_prior),
+        "nominal": rounded(one.nominal),
+        "deviation_over_prior": rounded(one.left_of_prior),
         "source": one.source,
         "words": one.words,
     }
@@ -73,9 +72,9 @@ def _estimate(one: RobotEstimate) -> dict[str, Any]:
 def _unexcited(one: Unexcited) -> dict[str, Any]:
     return {
         "parameter": one.estimate.name,
-        "deviation_over_prior": _number(one.estimate.left_of_prior),
+        "deviation_over_prior": rounded(one.estimate.left_of_prior),
         "manoeuvre": one.manoeuvre or None,
-        "deviation_after": _number(one.left_after),
+        "deviation_after": rounded(one.left_after),
     }
 
 
@@ -84,14 +83,14 @@ def _creep(one: FloorCreep) -> dict[str, Any]:
         "form": one.chosen.name,
         "parameters": {
             name: {
-                "value": _number(value),
-                "low": _number(one.intervals[name][0]),
-                "high": _number(one.intervals[name][1]),
+                "value": rounded(value),
+                "low": rounded(one.intervals[name][0]),
+                "high": rounded(one.intervals[name][1]),
             }
             for name, value in one.chosen.numbers.items()
         },
         "forms": {form.name: _form(form) for form in one.forms},
-        "slip_range": [0.0, _number(one.covered)],
+        "slip_range": [0.0, rounded(one.covered)],
         "moves": one.moves,
         "runs": list(one.runs),
     }
@@ -99,13 +98,9 @@ def _creep(one: FloorCreep) -> dict[str, Any]:
 
 def _form(form: CreepForm) -> dict[str, Any]:
     return {
-        "held_out_rms": _number(form.held_out),
-        "parameters": {name: _number(value) for name, value in form.numbers.items()},
+        "held_out_rms": rounded(form.held_out),
+        "parameters": {name: rounded(value) for name, value in form.numbers.items()},
     }
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
 def floors_text(found: RobotIdentification) -> str:

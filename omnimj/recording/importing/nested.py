@@ -14,6 +14,7 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.recording.importing.tables import SourceColumn, SourceTable, require_size
+from omnimj.recording.importing.topics.json_numbers import to_float
 from omnimj.recording.importing.units import split_unit
 from omnimj.recording.run_table import printable
 from omnimj.signals import Array
@@ -149,7 +150,7 @@ def _leaves(content: Any, name: str, depth: int) -> Iterator[tuple[str, Array | 
     elif isinstance(content, str):
         yield name, content
     elif isinstance(content, bool | int | float | np.number):
-        yield name, _number(content)
+        yield name, to_float(content)
     elif isinstance(content, list | np.ndarray):
         yield from _arrays(content, name)
 
@@ -181,14 +182,7 @@ def _numbers(content: Any) -> Array | None:
         if entry is None:
             found.append(math.nan)
         elif isinstance(entry, bool | int | float | np.number):
-            found.append(_number(entry))
+            found.append(to_float(entry))
         else:
             return None
     return np.array(found, dtype=float)
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except OverflowError:  # a whole number beyond the range of floating point
-        return math.inf

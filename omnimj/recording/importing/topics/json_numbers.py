@@ -67,7 +67,7 @@ def _numbers(content: Any, path: str, depth: int) -> Iterator[tuple[str, float]]
     if depth > _DEEPEST:
         return
     if isinstance(content, bool | int | float):
-        yield path, _float(content)
+        yield path, to_float(content)
     elif isinstance(content, Mapping):
         names = next((content[n] for n in NAME_FIELDS if _is_names(content.get(n))), [])
         for key, value in content.items():
@@ -101,10 +101,11 @@ def _entries(entries: list[Any], path: str, labels: list[str], depth: int) -> It
             yield from _numbers(value, f"{path}[{label}]", depth + 1)
 
 
-def _float(value: float) -> float:
+def to_float(value: Any) -> float:
+    """Convert a number; a whole number beyond the range of floating point is infinite."""
     try:
         return float(value)
-    except OverflowError:  # a whole number beyond the range of floating point
+    except OverflowError:
         return math.inf
 
 
