@@ -36,7 +36,6 @@ from numba.core.errors import RequireLiteralValue
 from numba.core.sigutils import normalize_signature
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from omnimj.physics.machine_code import deferred_translation
 from omnimj.resources import cache_root
 
 # the decorators hide the signatures from type checkers
@@ -246,7 +245,7 @@ def _optimize_lightly(compiled: Any) -> None:
         before = numba.config.OPT
         numba.config.OPT = type(before)(min(before, _OPTIMIZATION))
         try:
-            with _collecting_rarely(), deferred_translation():
+            with _collecting_rarely():
                 return compile_types(*arguments)
         finally:
             numba.config.OPT = before
@@ -297,8 +296,7 @@ def _enter_on_demand(compiled: Any) -> None:
             return compile_types(signature)
 
     def load_for_caller(*arguments: Any) -> Any:
-        with deferred_translation():
-            found = load(*arguments)
+        found = load(*arguments)
         usable = found is None or options.get(_NO_ENTRY, False) or has_entry(found)
         return found if usable else None
 
