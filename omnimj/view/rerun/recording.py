@@ -10,10 +10,9 @@ import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from omnimj.parameters import Rig
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
@@ -28,12 +27,12 @@ from omnimj.view.rerun.scene import (
     TRACTION_SCALE,
     Machine,
     Trail,
+    begin_recording,
     log_floor,
     log_planned,
 )
 from omnimj.view.rerun.signals import Signals, eventful_lanes, log_states, plots_of, with_columns
 
-Array = NDArray[np.float64]
 _FORCES = (
     f"**Green arrows**: traction, {1000 * TRACTION_SCALE:.0f} mm per N. "
     f"**Light blue arrows**: normal force, {1000 * NORMAL_SCALE:.0f} mm per N. "
@@ -90,8 +89,7 @@ class RunStream:
           mj_model: Visible model of the machine.
         """
         stream = self._stream
-        stream.send_recording_name(wording.title(known))
-        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        begin_recording(stream, wording.title(known))
         self._log_words(known)
         self._known = known
         self._planned = planned

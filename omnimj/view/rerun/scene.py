@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.view import palette
 from omnimj.view.motion import patch_corners
 from omnimj.view.poses import (
@@ -32,7 +32,6 @@ from omnimj.view.rerun.meshes import (
     striped,
 )
 
-Array = NDArray[np.float64]
 RATE = 50.0
 """Poses per second in the recording."""
 TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
@@ -43,6 +42,9 @@ AROUND = "around"
 _REACH = np.array([0.42, 0.42, 0.17])  # [m] extent of these points
 _ARROW_RADIUS = 0.007
 _UP = np.array([0.0, 0.0, 1.0])
+MEASURED = "#A7AFB8"
+"""Colour of a measured machine, visible on dark plots and on the light floor."""
+_LIGHTER = 0.55  # for names on dark plates
 FLOOR, PATH = "world/floor", "world/path"
 _TRAIL_STEPS, _TRAIL_POINTS = 120, 240
 _TILE = 0.25  # [m] width of a tile
@@ -59,6 +61,21 @@ def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
     """
     whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # else 4.0999… is truncated
     return rr.TimeColumn(timeline, duration=whole)
+
+
+def begin_recording(stream: rr.RecordingStream, title: str) -> None:
+    """Give a recording its title, and the world its vertical axis."""
+    stream.send_recording_name(title)
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+
+
+def log_name(
+    stream: rr.RecordingStream, entity: str, place: Sequence[float] | Array, name: str, color: str
+) -> None:
+    """Log the name of a machine in a lighter shade of its colour at a place in the frame of an entity [m]."""
+    shade = palette.rgb(palette.lighter(color, _LIGHTER))
+    label = rr.Points3D([place], radii=[0.012], colors=[shade], labels=[name], show_labels=True)
+    stream.log(f"{entity}/name", label, static=True)
 
 
 def body_entity(name: str, root: str = MACHINE) -> str:
@@ -255,7 +272,7 @@ def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
     """
     keep = np.unique(np.linspace(0, len(planned) - 1, min(len(planned), _TRAIL_POINTS)).astype(int))
     strip = rr.LineStrips3D(
-        [_on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
+        [on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
     )
     stream.log(f"{PATH}/planned", strip, static=True)
 
@@ -277,7 +294,7 @@ class Trail:
         kept = self._crossed(time, _TRAIL_POINTS)
         ends = np.union1d(self._crossed(time, _TRAIL_STEPS), [len(time) - 1])
         strips = [
-            _on_floor(np.vstack([self._points, place[kept[kept < end]], place[end]]), 0.004) for end in ends
+            on_floor(np.vstack([self._points, place[kept[kept < end]], place[end]]), 0.004) for end in ends
         ]
         columns = rr.LineStrips3D.columns(strips=strips)
         self._stream.send_columns(f"{PATH}/driven", [time_column(time[ends])], columns)
@@ -291,5 +308,6 @@ class Trail:
         return np.flatnonzero(np.diff(part) > 0)
 
 
-def _on_floor(points: Array, height: float) -> NDArray[np.float32]:
+def on_floor(points: Array, height: float) -> NDArray[np.float32]:
+    """Return places x, y, shape (k, 2) [m], at a height above the floor [m], shape (k, 3)."""
     return np.column_stack([points, np.full(len(points), height)]).astype(np.float32)
