@@ -204,7 +204,10 @@ def positive_number(most: float) -> Callable[[str], float]:
 
 
 def add_seed(parser: argparse.ArgumentParser, words: str, most: int = 2**63 - 1, default: int = 0) -> None:
-    """Add `--seed N`, from 0 to `most`; `words` describes what is drawn from it."""
+    """Add `--seed N`, from 0 to `most`; `words` describes what is drawn from it.
+
+    Seeds are stored in files whose readers have 64-bit integers.
+    """
     parser.add_argument(
         "--seed",
         metavar="N",
@@ -239,6 +242,17 @@ def add_results(
         words += f"; another {replaced} there is replaced"
     parser.add_argument("--force", action="store_true", help=words)
     parser.add_argument("--json", action="store_true", help=f"print {json_file} instead of tables")
+
+
+def has_out(arguments: Any, kind: str = "DIR") -> bool:
+    """Return whether the optional `--out` is given.
+
+    Raises:
+      InputError: `--force` is given without it.
+    """
+    if arguments.force and arguments.out is None:
+        raise InputError("--force", "there is no --out", f"it belongs to --out {kind}")
+    return arguments.out is not None
 
 
 def require_writable(file: Path, force: bool, option: str = "--out") -> None:

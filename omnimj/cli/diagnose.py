@@ -76,10 +76,6 @@ def run_diagnose(arguments: Any) -> int:
     Returns:
       0 regardless of the diagnoses; 1 if one of several datasets failed; 130 after Ctrl-C, with all finished
       runs kept.
-
-    Raises:
-      InputError: The data are invalid or unsuitable for the method, or the folder cannot be written.
-      DataFaultError: Time, a unit or a sign is wrong in all of the data, and `--accept` is not given.
     """
     from omnimj.cli.fleet import is_fleet, run_fleet
 
@@ -87,14 +83,9 @@ def run_diagnose(arguments: Any) -> int:
         return run_floor_labels(arguments)
     if is_fleet(arguments.dataset):
         return run_fleet(arguments, diagnose_in_fleet, _FLEET_HEAD, _fleet_row)
-    done = _diagnose_dataset(arguments)
-    if done is None:
-        raise KeyboardInterrupt
-    order, found, interrupted, content = done
-    if arguments.json:
-        print(format_json(content))
-    else:
-        print(_format_diagnosis(order, found, interrupted, arguments.out))
+    order, found, interrupted, content = _diagnose_dataset(arguments)
+    text = _format_diagnosis(order, found, interrupted, arguments.out)
+    print(format_json(content) if arguments.json else text)
     return exit_code(interrupted)
 
 
@@ -103,10 +94,7 @@ _FLEET_HEAD = ("dataset", "runs", "seconds", "diagnoses")
 
 def diagnose_in_fleet(arguments: Any) -> dict[str, Any]:
     """Diagnose one dataset of several, write its files and return a summary."""
-    done = _diagnose_dataset(arguments)
-    if done is None:
-        raise KeyboardInterrupt
-    _, found, _, _ = done
+    _, found, _, _ = _diagnose_dataset(arguments)
     diagnoses = [{"run": one.name, **dataclasses.asdict(d)} for one in found for d in one.diagnoses]
     seconds, blind = sum(one.judged for one in found), sum(one.cannot_judge for one in found)
     return {"runs": len(found), "seconds": seconds, "cannot_judge": blind, "diagnoses": diagnoses}
@@ -120,12 +108,11 @@ def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _diagnose_dataset(
     arguments: Any,
-) -> tuple[DiagnosisConfig, list[RunDiagnosis], bool, dict[str, Any]] | None:
+) -> tuple[DiagnosisConfig, list[RunDiagnosis], bool, dict[str, Any]]:
     """Diagnose a dataset and write all files.
 
     Returns:
-      Configuration, diagnoses without traces, whether Ctrl-C ended it, and the content of `diagnoses.json`;
-      None if no run was finished.
+      Configuration, diagnoses without traces, whether Ctrl-C ended it, and the content of `diagnoses.json`.
     """
     from omnimj.diagnosis.files import diagnoses_json
     from omnimj.diagnosis.replay import check_config, require_other_folder
@@ -143,7 +130,7 @@ def _diagnose_dataset(
     announce_compilation(order.method, order.dataset.plant, "method", quiet=arguments.quiet)
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
-        return None
+        raise KeyboardInterrupt
     note_compiled(order.method, order.dataset.plant)
     command = command_line(arguments)
     content = diagnoses_json(order, found, command, interrupted) | {"data_faults": fault_records(check)}
@@ -278,10 +265,6 @@ def run_calibrate(arguments: Any) -> int:
 
     Returns:
       0; 1 if a threshold rose far beyond the shipped one: the file is then written with `--accept` only.
-
-    Raises:
-      InputError: The data are invalid or not from a robot, or the file cannot be written.
-      DataFaultError: The data have certain faults, and `--accept` is not given.
     """
     require_writable(arguments.out, arguments.force)
     order = _calibration_config(arguments)

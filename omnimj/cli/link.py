@@ -61,10 +61,6 @@ def run_check(arguments: Any) -> int:
 
     Returns:
       0 if every step passes, else 1.
-
-    Raises:
-      InputError: The plant is not a link address, the model has no [hardware], or the operator does not
-        confirm that the robot may move.
     """
     from omnimj.parameters import read_robot
     from omnimj.simulate.plants import is_link_address
@@ -83,11 +79,7 @@ def run_check(arguments: Any) -> int:
 
 
 def _require_ready(on_floor: bool) -> None:
-    """Ask the operator to confirm that the robot may move.
-
-    Raises:
-      InputError: The operator does not confirm, or there is no terminal for the question.
-    """
+    """Ask the operator to confirm that the robot may move."""
     if not sys.stdin.isatty():
         raise InputError(
             "link check", "there is no terminal for questions", "--yes states that the robot is ready"

@@ -23,7 +23,7 @@ from omnimj.cli.arguments import (
     read_thresholds,
     whole_number,
 )
-from omnimj.cli.progress import progress_bar
+from omnimj.cli.progress import run_on_executor
 from omnimj.cli.terminal import announce_compilation, format_study, note_compiled, print_study
 from omnimj.errors import InputError
 
@@ -75,14 +75,9 @@ def run_evaluate(arguments: Any) -> int:
 
     Returns:
       0 regardless of the scores; 1 if a case failed; 130 after Ctrl-C, with all finished cases kept.
-
-    Raises:
-      InputError: An option is out of its range, or the folder holds something else.
-      SimulationError: A worker died; finished cases are kept.
     """
     from omnimj.studies.evaluation.cases import FLOORS, CasePopulation
     from omnimj.studies.evaluation.study import NUMBERS, EvaluationConfig, check_config, run_evaluation
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.random_truth import CLASSES
     from omnimj.view.report.evaluation import write_evaluation_report
 
@@ -114,8 +109,7 @@ def run_evaluate(arguments: Any) -> int:
         raise InputError("--record", found, "recordings would stay on the disks of its workers")
     for plant in choice.plants:
         announce_compilation(plant, "uto_robot", quiet=arguments.quiet)
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_evaluation(order, bar.show_share, executor)
+    outcome = run_on_executor(arguments, run_evaluation, order)
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
     write_evaluation_report(arguments.out / REPORT, outcome)
@@ -166,13 +160,8 @@ def run_sensitivity(arguments: Any) -> int:
 
     Returns:
       0 regardless of the ranking; 1 if a run failed; 130 after Ctrl-C, with all finished runs kept.
-
-    Raises:
-      InputError: An option is out of its range, or the folder holds something else.
-      SimulationError: A worker died; finished runs are kept.
     """
     from omnimj.simulate.scenario.scenario import absolute_scenario
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.sensitivity.study import NUMBERS, SensitivityConfig, check_config, run_sensitivity
     from omnimj.studies.sensitivity.trial import TrialConfig, nominal_scenario
     from omnimj.view.report.sensitivity import write_sensitivity_files
@@ -198,8 +187,7 @@ def run_sensitivity(arguments: Any) -> int:
     scenario = nominal_scenario(trial)
     announce_compilation(order.trial.plant, scenario.plant, quiet=arguments.quiet)
     check_config(order)
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_sensitivity(order, bar.show_share, executor)
+    outcome = run_on_executor(arguments, run_sensitivity, order)
     if outcome.runs:
         note_compiled(order.trial.plant, scenario.plant)
     write_sensitivity_files(arguments.out, outcome)

@@ -143,14 +143,7 @@ def format_value(value: float | None, unit: str = "") -> str:
 
 
 def announce_compilation(plant: str, machine: str, kind: str = "plant", quiet: bool = False) -> None:
-    """Report on stderr that native code must be compiled first, if so; a terminal counts the functions.
-
-    Args:
-      plant: `twin` or `planar`, or the name of a method.
-      machine: `uto_robot` or `quarter_rig`.
-      kind: `plant` or `method`.
-      quiet: True to print nothing.
-    """
+    """Report on stderr that a plant or method must be compiled first; a terminal counts the functions."""
     from omnimj.physics.native import is_compiled, on_compilation
 
     if quiet or is_compiled(f"{plant}-{machine}"):

@@ -50,18 +50,8 @@ end of path: median distance of the ends over the path's length, for the simulat
 def validate_robot_dataset(arguments: Any, dataset: Dataset, floors: Mapping[str, Floor]) -> int:
     """Simulate every measured drive again and write the comparison.
 
-    Args:
-      arguments: Of `omnimj validate`.
-      dataset: Runs of a robot.
-      floors: Floors by name.
-
     Returns:
       0; 130 after Ctrl-C, with all finished runs kept.
-
-    Raises:
-      InputError: The data or the model are invalid, the pose is not measured or does not fit the wheels.
-      UnknownNameError: `--recording` names no run.
-      SimulationError: A simulation failed.
     """
     from omnimj.estimate.drives.files import drives_content
     from omnimj.estimate.drives.validate import require_drives, validate_drives
@@ -107,12 +97,7 @@ def _write(arguments: Any, found: DriveValidation, content: dict[str, Any], robo
 
 
 def format_drives(found: DriveValidation, out: Path) -> str:
-    """Format a validation as a table of floors, speeds and plants.
-
-    Args:
-      found: The validation.
-      out: Folder of its files.
-    """
+    """Format a validation as a table of floors, speeds and plants."""
     notes = found.notes if len(found.notes) <= _MOST_NOTES else (_many(len(found.notes)),)
     table = format_table(_HEAD, [_row(group) for group in found.groups])
     lines = [*notes, *found.marker_notes, "", table, "", _LEGEND]

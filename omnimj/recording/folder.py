@@ -77,6 +77,18 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
         raise write_failure(f"--out {folder}", error) from None
 
 
+def make_parents(file: Path, place: object, rule: str = "") -> None:
+    """Create the folder of a file, with its parents.
+
+    Raises:
+      OutputError: It cannot be created; the message names the place.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise write_failure(place, error, rule) from None
+
+
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary path in the same folder, renamed to `path` when the block succeeds.

@@ -86,11 +86,7 @@ def plot_names(record: Any) -> tuple[str, ...]:
 
 
 def layout(record: Any, names: Sequence[str]) -> Any:
-    """Bokeh layout of a record's plots.
-
-    Args:
-      record: Any of the records above.
-      names: Plots below each other; the first one of all when empty.
+    """Bokeh layout of a record's plots below each other; of the first one without names.
 
     Raises:
       UnknownNameError: No such plot.

@@ -138,15 +138,7 @@ def picture_of_run(
     path: Path,
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """Render the machine half-way along the path driven during its first fault, else along the whole path.
-
-    Args:
-      poses: Poses of the machine.
-      trace: Signals of the run, for the driven path on the floor where known.
-      metrics: Content of `metrics.json`, for the faults.
-      path: PNG file to write.
-      backends: As in `render`.
-    """
+    """Render the machine half-way along the path driven during its first fault, else along the whole path."""
     spans = fault_spans(metrics, float(trace["time"][-1]))
     k = _half_way(poses, spans[0] if spans else None)
     until = trace["time"] <= poses.time[k]

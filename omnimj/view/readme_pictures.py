@@ -234,12 +234,7 @@ def make_animation(path: Path) -> None:
 
 
 def arrange_tuning(report: Path, path: Path) -> None:
-    """Arrange the still pictures of a report of `omnimj tune` in two columns, with their headings.
-
-    Args:
-      report: HTML file that the command wrote.
-      path: SVG file to write.
-    """
+    """Arrange the still pictures of a report of `omnimj tune` in two columns, with their headings."""
     figures = re.findall(_STILL, report.read_text(encoding="utf-8"), re.DOTALL)
     parts, (width, top) = [], (2 * WIDTH, 0)
     for row in range(0, len(figures), 2):

@@ -48,13 +48,6 @@ class Line(NamedTuple):
 def make_twin_picture(path: Path, found: DriveValidation, run: str, robot: Robot, floor: Floor) -> None:
     """Render a run of a validation with both robots at its end.
 
-    Args:
-      path: PNG file to write.
-      found: The validation, on the twin at least.
-      run: Name of the run.
-      robot: The model.
-      floor: The run's floor.
-
     Raises:
       UnknownNameError: No such run.
     """

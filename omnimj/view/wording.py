@@ -245,12 +245,7 @@ class RecoveryPeriod:
 
 
 def recovery_periods(trace: Trace, metrics: Mapping[str, Any]) -> list[RecoveryPeriod]:
-    """Return the recovery modes of a run in the order of their first use, without normal driving.
-
-    Args:
-      trace: Signals of the run.
-      metrics: Content of `metrics.json`, for the diagnosed wheels.
-    """
+    """Return the recovery modes of a run in the order of their first use, without normal driving."""
     found: dict[tuple[str, str], list[Span]] = {}
     sentences: dict[str, str] = dict(zip(MODE_NAMES, MODE_CONSEQUENCES, strict=True))
     for span in recovery_spans(trace):

@@ -34,12 +34,6 @@ def residual_families(
 
     For residuals far beyond their thresholds, the axis is logarithmic above the thresholds, so that both are
     readable.
-
-    Args:
-      trace: Signals of a run, with the residuals.
-      families: At least one family of residuals.
-      spans: Faults or diagnoses to shade.
-      bins: Most bins of a line.
     """
     rows = len(families)
     drawing = new_drawing(max(MIDDLE, _ROW * rows), rows, bins=bins)
@@ -110,13 +104,7 @@ def _fit_axis(panel: Panel, trace: Trace, family: Family, linear: float) -> None
 
 
 def effectiveness(trace: Trace, spans: Sequence[Span], bins: int = BINS) -> Drawing:
-    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy.
-
-    Args:
-      trace: The run, with columns `effectiveness_i`.
-      spans: Faults to shade.
-      bins: Most bins of a line, as for `envelope`.
-    """
+    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy."""
     drawing = new_drawing(MIDDLE, bins=bins)
     (panel,) = drawing.panels
     panel.values("effectiveness [1]")

@@ -40,13 +40,7 @@ _NO_DETREND: Any = False  # keeps a constant mismatch
 
 
 def row_panel(labels: Sequence[str], words: str, x_log: bool = False) -> Panel:
-    """Make a panel with one named row per label, the first at the top.
-
-    Args:
-      labels: Names of the rows.
-      words: Label of the horizontal axis.
-      x_log: True for a logarithmic horizontal axis.
-    """
+    """Make a panel with one named row per label, the first at the top."""
     wrapped = [textwrap.fill(label, _LETTERS) for label in labels]
     lines = max((label.count("\n") + 1 for label in wrapped), default=1)
     height = _AROUND + (_LINE * lines + 12) * max(len(labels), 2)
@@ -96,14 +90,7 @@ def _in_noise(name: str, values: Sequence[float]) -> list[str]:
 
 
 def reference_line(panel: Panel, at: float, words: str, ends: tuple[float, float]) -> None:
-    """Draw an upright line: dotted with a legend entry, or plain without words.
-
-    Args:
-      panel: Panel to draw in.
-      at: Abscissa of the line.
-      words: Entry of the legend; empty for none.
-      ends: Heights of both ends on the value axis.
-    """
+    """Draw an upright line: dotted with a legend entry, or plain without words."""
     panel.line(np.full(2, at), np.array(ends), palette.MUTED, words, _NOISE_LINE if words else "-")
 
 
@@ -250,13 +237,7 @@ def shrinkage(finding: Finding) -> Drawing:
 
 
 def largest_mismatch_channels(finding: Finding, windows: Sequence[Overlay], most: int = 2) -> list[int]:
-    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise.
-
-    Args:
-      finding: Gives the noise of the channels.
-      windows: Overlays of the run.
-      most: Largest number of channels.
-    """
+    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise."""
     size = channel_rms(np.concatenate([w.measured - w.before for w in windows])) / noise_row(finding)
     return sorted(np.argsort(-np.nan_to_num(size), kind="stable")[:most].tolist())
 

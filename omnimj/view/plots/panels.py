@@ -319,13 +319,7 @@ class Panel:
         self.plot.ygrid.visible = False
 
     def ticks(self, places: Sequence[float], names: Sequence[str], across: bool = False) -> None:
-        """Mark and name places on an axis.
-
-        Args:
-          places: Places to mark.
-          names: Name of each place.
-          across: True for the horizontal axis, otherwise the value axis.
-        """
+        """Mark and name places on an axis."""
         axis = self.plot.xaxis if across else self.plot.yaxis
         axis.ticker = FixedTicker(ticks=[float(place) for place in places])
         axis.major_label_overrides = {

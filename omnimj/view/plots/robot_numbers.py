@@ -12,11 +12,7 @@ _PRIOR = (palette.MUTED, "square")
 
 
 def identified_numbers(found: RobotIdentification) -> Drawing:
-    """Plot each number over that of the model file, with its 90 % interval, unless the latter is 0.
-
-    Args:
-      found: Identified robot.
-    """
+    """Plot each number over that of the model file, with its 90 % interval, unless the latter is 0."""
     shown = [one for one in found.estimates if one.nominal]
     panel = row_panel([one.words for one in shown], "identified / model file")
     for source in ("data", "data and prior", "prior"):

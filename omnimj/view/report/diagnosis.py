@@ -50,14 +50,7 @@ def bins_for(runs: int) -> int:
 
 
 def run_section(run: RunDiagnosis, method: str, method_names: Sequence[str], bins: int = BINS) -> RunSection:
-    """Make the part of the page about one run.
-
-    Args:
-      run: Diagnosis of the run, with its trace.
-      method: Name of the detection method.
-      method_names: Columns of the method's log.
-      bins: Most bins of a line; 0 for no plots.
-    """
+    """Make the part of the page about one run; no plots where `bins`, the most bins of a line, is 0."""
     lines, found = [f"{describe_undiagnosed(run).capitalize()}."], None
     if run.diagnoses:
         head = ("diagnosis", "time", "confidence", "decided by")
@@ -106,16 +99,7 @@ def write_diagnosis_report(
     command: str = "",
     interrupted: bool = False,
 ) -> None:
-    """Write the report of a diagnosis of recorded runs.
-
-    Args:
-      path: HTML file to write.
-      config: Configuration of the diagnosis.
-      runs: Diagnoses of the finished runs; traces are not needed.
-      sections: Results of `run_section`.
-      command: Command line that repeats the diagnosis.
-      interrupted: True if runs are missing because of Ctrl-C.
-    """
+    """Write the report of the finished runs of a diagnosis, whose traces are not needed."""
     name = config.dataset.path.resolve().name
     order = {run.name: k for k, run in enumerate(sorted(runs, key=_worst))}
     runs = sorted(runs, key=lambda run: order[run.name])

@@ -15,13 +15,7 @@ _HEAD = ("wheels", "runs", "plant", "body", "simulated", "error", "currents", "y
 
 
 def write_drives_report(path: Path, found: DriveValidation, command: str = "") -> None:
-    """Write the report of a robot's validation.
-
-    Args:
-      path: HTML file to write.
-      found: The validation.
-      command: Command line that repeats it.
-    """
+    """Write the report of a robot's validation."""
     floors = tuple(dict.fromkeys(group.floor for group in found.groups))
     write_page(
         path,

@@ -77,13 +77,7 @@ def format_bounds(name: str, low: float, high: float, unit: str, is_size: bool =
 
 
 def run_mismatches(finding: Finding, gaps: Sequence[RunGap], sections: Sequence[RunSection]) -> Table:
-    """List all runs, the largest mismatch first: use, conditions, and RMS over all channels.
-
-    Args:
-      finding: Result of the workflow.
-      gaps: Mismatch of its runs.
-      sections: Parts of the page about single runs, to which the rows link.
-    """
+    """List all runs, the largest mismatch first: use, conditions, and RMS over all channels."""
     second = has_second_model(finding)
     rows = [
         (

@@ -91,14 +91,7 @@ def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
 def make_scene(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
-    """Log the meshes of the machines and return the scene, which logs their motion.
-
-    Args:
-      stream: Recording.
-      finding: Result of the search; its overlays contain the motion.
-      kinds: Keys of `COLORS` to show.
-      machine_file: Model file of the plant; None for the shipped one.
-    """
+    """Log the meshes of the machines and return the scene, which logs their motion."""
     if finding.plant == "quarter_rig":
         return _rig_scene(stream, finding, kinds, machine_file)
     if finding.plant == "uto_robot":
@@ -217,13 +210,7 @@ _PLOTS = 7
 
 
 def write_before_after(path: Path, finding: Finding, machine_file: Path | None = None) -> None:
-    """Write the recording: the worst held-out runs, each on its own timeline.
-
-    Args:
-      path: `.rrd` file to write.
-      finding: Result of the search, with overlays of at least one run.
-      machine_file: Model file of the plant, for its appearance; None for the shipped one.
-    """
+    """Write the recording: the worst held-out runs, each on its own timeline, looking as in a model file."""
     # a separate application id, since the viewer keeps one layout per application
     with recording_file(path, f"omnimj_gap_{sentences.dataset_name(finding)}") as stream:
         shown = shown_runs(finding)

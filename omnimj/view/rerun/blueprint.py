@@ -60,12 +60,7 @@ _RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
 def focus_of(scenario: Scenario, faults: Sequence[Mapping[str, Any]]) -> Focus:
-    """Choose the content to show first from the content of a scenario, not from its name.
-
-    Args:
-      scenario: Scenario of the run.
-      faults: Faults as in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
-    """
+    """Choose the content to show first from the content of a scenario, not from its name."""
     if scenario.is_rig:
         return _RIG
     kinds = [str(fault["kind"]) for fault in faults] + ["slip"] * len(scenario.patches)

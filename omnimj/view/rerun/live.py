@@ -259,11 +259,7 @@ class DeadReckoning:
         """Wheel angles before the newest rows, shape (n,) [rad]."""
 
     def placed(self, trace: Trace) -> Trace:
-        """Add `x`, `y`, `heading` to rows without them, by ∫ R(θ) B⁺ r φ̇ dt.
-
-        Args:
-          trace: Rows later than all before.
-        """
+        """Add `x`, `y`, `heading` to rows, later than all before, by ∫ R(θ) B⁺ r φ̇ dt if they lack them."""
         time, wheels = trace["time"], trace.wheels("wheel_speed")
         step = np.diff(time, prepend=time[0] if self._last is None else self._last)[:, None]
         self.turned_before, self._last = self._turned, float(time[-1])

@@ -87,13 +87,7 @@ class Machine:
     """Visible bodies of a model; identical rollers of a wheel are instances of one mesh."""
 
     def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel, root: str = MACHINE):
-        """Log the meshes of the bodies, without poses.
-
-        Args:
-          stream: Recording.
-          mj_model: Visible model of the machine.
-          root: Parent entity of the bodies, unique to each machine in the scene.
-        """
+        """Log the meshes of the bodies below the entity `root`, without poses."""
         self._stream, self._mj_model, self._root = stream, mj_model, root
         self._groups = identical_bodies(mj_model)
         self._wheels = wheel_bodies(mj_model, self._groups)
@@ -127,12 +121,7 @@ class Machine:
         return f"{self._entity(int(self._mj_model.body_parentid[bodies[0]]))}/rollers"
 
     def log_motion(self, poses: Poses, trace: Trace) -> None:
-        """Log body poses and contact forces.
-
-        Args:
-          poses: At least one pose of this machine.
-          trace: Signals over the same time, for the forces.
-        """
+        """Log body poses and contact forces."""
         poses = poses.thinned(RATE)
         frames = self.log_bodies(poses)
         self._log_forces(poses, frames, trace)

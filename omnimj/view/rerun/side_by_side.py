@@ -34,13 +34,7 @@ _DEGREES = 180.0 / np.pi
 
 
 def write_side_by_side(path: Path, run: DrivenRun, robot: Robot) -> None:
-    """Write the recording of one run.
-
-    Args:
-      path: `.rrd` file to write.
-      run: The run on one plant.
-      robot: The model, for its appearance.
-    """
+    """Write the recording of one run."""
     with recording_file(path, "omnimj_side_by_side") as stream:
         stream.send_blueprint(_blueprint(run), make_active=False)
         begin_recording(stream, f"{run.run}: measured and {run.plant}")
@@ -65,9 +59,6 @@ def side_by_side(run: DrivenRun) -> dict[str, Array]:
     """Poses of both robots beside each other, shape (k, 3) each: `measured` and the plant's name.
 
     Gaps of the measurement are bridged. The robots stand apart across the direction in which they drive.
-
-    Args:
-      run: The run on one plant.
     """
     measured, simulated = (
         np.column_stack([filled(column) for column in motion.pose.T])

@@ -71,13 +71,7 @@ class Plot:
 
 
 def plots_of(scenario: Scenario, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()) -> list[Plot]:
-    """Return all plots possible for a run of a scenario.
-
-    Args:
-      scenario: Scenario of the run.
-      method: Name of the detection method.
-      columns: Columns of the trace, or of the method's log.
-    """
+    """Return all plots possible for a run, by the columns of its trace or of the method's log."""
     found = families(columns, method, scenario.diagnosis.printed)
     own = _rig_plots(scenario.rig) if scenario.is_rig else _robot_plots(scenario.robot)
     return [*own, *map(_residual_plot, found), *_effectiveness_plot(columns)]
@@ -228,15 +222,7 @@ HEALTHY, AS_PLANNED = "healthy", MODE_NAMES[NORMAL]
 def log_states(
     stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any], wheels: int, is_rig: bool
 ) -> None:
-    """Log true faults and diagnoses, a lane per wheel, and the mode of the method.
-
-    Args:
-      stream: Recording.
-      trace: Whole run, or its first row alone for the state at the start.
-      metrics: Known content of `metrics.json`.
-      wheels: Number of wheels.
-      is_rig: True if the machine is the test rig.
-    """
+    """Log true faults and diagnoses, a lane per wheel, and the mode of the method."""
     duration = float(trace["time"][-1])
     _log_lanes(stream, FAULT_LANE, fault_spans(metrics, duration), wheels)
     if is_diagnosed(metrics):

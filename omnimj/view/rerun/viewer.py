@@ -119,10 +119,7 @@ class Viewer:
 
 
 def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
-    """Open a viewer whose server listens on the loopback address only, and wait until it is ready.
-
-    Args:
-      arguments: Further options of the program `rerun`, such as `--headless`.
+    """Open a viewer that listens on the loopback address only, with options of `rerun`; wait for it.
 
     Raises:
       ViewerError: There is no display, or the viewer did not start; the message suggests an alternative.
