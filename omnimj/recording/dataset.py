@@ -185,10 +185,6 @@ class Dataset(Displayed):
 def require_inertial_unit(dataset: Dataset, hint: str = "") -> None:
     """Refuse robot runs with a measured pose and no inertial unit, for work that needs the unit.
 
-    Args:
-      dataset: The runs.
-      hint: What works without the unit, for the message.
-
     Raises:
       InputError: A run lacks a column of the inertial unit.
     """

@@ -18,10 +18,6 @@ RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
 def check_folder(folder: Path, force: bool) -> None:
     """Check before the work that results can be written to a folder.
 
-    Args:
-      folder: Output folder; need not exist.
-      force: Accept a folder that is not empty.
-
     Raises:
       InputError: The folder is not empty and `force` is false, or the path leads through a file.
       OutputError: The folder cannot be written.

@@ -114,9 +114,6 @@ def _run_paths(folder: Path, depth: int) -> Iterator[Path]:
 def short_names(paths: list[Path]) -> list[str]:
     """Name folders by the shortest ends of their paths that differ: `a/seed_1` and `b/seed_1`.
 
-    Args:
-      paths: Paths of the folders.
-
     Returns:
       A name per path; equal paths have equal names.
     """

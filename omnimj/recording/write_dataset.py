@@ -69,9 +69,6 @@ class DatasetWriter:
     def add(self, run: Run) -> None:
         """Write one run and list it in `dataset.toml`, with its conditions that differ from the defaults.
 
-        Args:
-          run: Run to write; its name becomes the stem of the file name.
-
         Raises:
           InputError: The name is taken or not valid as a file name.
           OutputError: A file cannot be written.

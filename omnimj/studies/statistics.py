@@ -23,12 +23,7 @@ class Rate:
 
 
 def wilson(hits: int, count: int) -> Rate:
-    """Return k/n with its Wilson score interval (Wilson 1927).
-
-    Args:
-      hits: k.
-      count: n.
-    """
+    """Return k/n, hits over count, with its Wilson score interval (Wilson 1927)."""
     if count == 0:
         return Rate(0, 0, None, 0.0, 1.0)
     interval = binomtest(hits, count).proportion_ci(0.95, method="wilson")

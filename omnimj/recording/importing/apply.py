@@ -37,11 +37,6 @@ def apply_mapping(table: SourceTable, mapping: LogMapping, name: str) -> Importe
     Rows whose time repeats are left out, and so is the first row where a column is a difference. In stale
     rows a difference keeps its last value; the row after them has the mean change over the pause.
 
-    Args:
-      table: The log.
-      mapping: Its mapping.
-      name: Name of the run.
-
     Raises:
       InputError: A needed cell is empty or not finite, time decreases, or a unit does not fit its column.
       UnknownNameError: The log lacks a column; the message lists its columns.

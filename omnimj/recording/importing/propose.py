@@ -62,13 +62,7 @@ class Proposal:
 
 
 def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str | None = None) -> Proposal:
-    """Propose a mapping for logs of one kind.
-
-    Args:
-      tables: The logs.
-      plant: Plant of the dataset; guessed when None.
-      floor: Floor of all runs, if known.
-    """
+    """Propose a mapping for logs of one kind; the plant is guessed where it is not given."""
     columns = tables[0].columns
     found = _by_kind(columns)
     plant = plant or _plant(columns, found)

@@ -89,10 +89,6 @@ class ImportPlan:
 def plan_import(config: ImportConfig, progress: Progress | None = None) -> ImportPlan:
     """Read logs, find or apply a mapping, and convert them.
 
-    Args:
-      config: Files, mapping, plant and floor.
-      progress: Called with the steps done and their number.
-
     Raises:
       InputError: A file or the mapping is wrong; with a mapping also where it does not fit a file.
       UnknownNameError: A name in the mapping does not exist.
@@ -261,12 +257,6 @@ def write_import(
     plan: ImportPlan, out: Path, force: bool = False, table_format: str = "parquet"
 ) -> list[str]:
     """Write the dataset, with the mapping beside its runs.
-
-    Args:
-      plan: Logs as they were understood.
-      out: Folder of the dataset.
-      force: Replace an earlier dataset that omnimj wrote.
-      table_format: `parquet` or `csv`.
 
     Returns:
       Notes on what the reader masks, and on what the dataset is good for.

@@ -131,13 +131,7 @@ def _run(
 
 
 def make_true_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> Plant:
-    """Make the plant of a case: the true robot on the true floor.
-
-    Args:
-      case: Parameter errors, structure, kind of plant and noise.
-      scenario: Nominal robot and floors, to which the errors are relative.
-      faults: The faults of the case, or none.
-    """
+    """Make the plant of a case: the true robot on the true floor, with the given faults."""
     truth = with_errors(scenario, case.errors, case.floor)
     if case.structure is not None:
         payload = case.errors.payload * scenario.robot.body.mass

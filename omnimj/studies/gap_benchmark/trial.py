@@ -31,9 +31,6 @@ SEED = 0
 def search_case(dataset: str) -> dict[str, Any]:
     """Run the workflow and the baselines on a dataset, given its path only.
 
-    Args:
-      dataset: Folder of the dataset.
-
     Returns:
       `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: the message.
     """
@@ -53,10 +50,6 @@ def _searched(dataset: Path) -> dict[str, Any]:
 
 def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Fit the model with the true effects, the best result that the search could reach.
-
-    Args:
-      dataset: Folder of the dataset.
-      hidden: Hidden effects as records.
 
     Returns:
       `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. `without`: the same for
@@ -81,12 +74,7 @@ def load_replay(dataset: Path) -> Replay:
 
 
 def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, float]:
-    """Return channel → RMS mismatch of the true model on the held-out runs, fitted from the true values.
-
-    Args:
-      replay: The dataset with the shipped model.
-      effects: The hidden effects.
-    """
+    """Return channel → RMS mismatch of the true model on the held-out runs, fitted from the true values."""
     groups = make_groups(replay)
     out = choose_heldout(groups, SEED)
     used = ~out[groups.of_block]

@@ -102,15 +102,7 @@ class KnownSet:
 
 
 def known_sets(file: Path | None = None) -> tuple[KnownSet, ...]:
-    """Read the known public sets.
-
-    Args:
-      file: TOML file; the shipped one when None.
-
-    Raises:
-      InputError: A value is missing or wrong.
-      UnknownNameError: An unknown key.
-    """
+    """Read the known public sets."""
     path = file or models_folder() / KNOWN_SETS
     return tuple(_known_set(path, name, entry) for name, entry in read_toml(path).items())
 

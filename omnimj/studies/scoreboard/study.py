@@ -72,21 +72,7 @@ class ScoreboardResult:
 def run_scoreboard(
     config: ScoreboardConfig, report: Progress, executor: Executor | None = None
 ) -> ScoreboardResult:
-    """Search all sets that are there and have no result, and compare all results with what is published.
-
-    Args:
-      config: Settings.
-      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
-      executor: Runs the searches; own processes when None.
-
-    Returns:
-      The result, also after Ctrl-C.
-
-    Raises:
-      InputError: A path holds no set, or the folder holds something else or other settings.
-      OutputError: A file cannot be written; finished results are kept.
-      SimulationError: A worker died; finished results are kept.
-    """
+    """Search all sets without a result, and compare all results with publications; see `run_study`."""
     return run_study(_Scoreboard(config), report, executor)
 
 
@@ -140,15 +126,7 @@ class _Scoreboard:
 
 
 def search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
-    """Import a set if its logs need it, search it, and return what the table shows.
-
-    Args:
-      search: Searches a dataset and writes its files.
-      one: The set.
-      folder: Folder for its files; what an interrupted search left there is removed.
-      seed: Seed of the held-out draw.
-      accept: Whether to search in data with certain faults.
-    """
+    """Import a set if its logs need it, search it, and return what the table shows."""
     return run_guarded(lambda: _search_set(search, one, folder, seed, accept))
 
 

@@ -59,11 +59,6 @@ class Margin:
 def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Margin, ...]:
     """Return the margin of every loop; those of the wheels on every floor and in the air.
 
-    Args:
-      robot: Robot, whose own gains are not used.
-      control: Gains.
-      floors: Floors with a LuGre law.
-
     Raises:
       InputError: A floor with another law.
     """

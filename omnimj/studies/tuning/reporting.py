@@ -12,12 +12,7 @@ from omnimj.studies.tuning.study import Comparison, TuningResult
 
 
 def format_gains_file(outcome: TuningResult, command: str) -> str:
-    """Format the gains file; the same trials and command give the same text.
-
-    Args:
-      outcome: Result of the tuning.
-      command: Command line that made it.
-    """
+    """Format the gains file; the same trials and command give the same text."""
     return "\n".join((*_head(outcome), *_gains(outcome), *_origin(outcome, command))) + "\n"
 
 

@@ -135,11 +135,7 @@ Candidate = tuple[float, ...]
 
 
 def generation_size(axes: int) -> int:
-    """Return λ = 4 + ⌊3 ln n⌋ (Hansen 2016), at least 6.
-
-    Args:
-      axes: n.
-    """
+    """Return λ = 4 + ⌊3 ln n⌋ for n axes (Hansen 2016), at least 6."""
     return max(6, 4 + math.floor(3.0 * math.log(axes)))
 
 
@@ -159,12 +155,7 @@ def require_cma() -> Any:
 
 
 class Search:
-    """CMA-ES over the axes, by ask and tell.
-
-    Args:
-      axes: At least one.
-      seed: Seed of the search.
-    """
+    """CMA-ES over the axes, by ask and tell."""
 
     def __init__(self, axes: Sequence[GainAxis], seed: int):
         cma = require_cma()

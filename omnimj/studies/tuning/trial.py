@@ -71,13 +71,7 @@ def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
 
 
 def measure_trial(trace: Trace, truth: Scenario, uses: Sequence | None) -> TrialMetrics:
-    """Compute the metrics of a completed run.
-
-    Args:
-      trace: Trace with the columns of truth and target.
-      truth: The scenario with its faults and patches.
-      uses: From `drive_healthy`; None for a draw without faults.
-    """
+    """Compute the metrics of a completed run."""
     robot = truth.robot
     command = trace.wheels("current_target")
     records = [r for r in true_faults(truth, trace) if r["kind"] in KINDS_OF_DIAGNOSIS]
@@ -146,10 +140,6 @@ def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> f
 def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
     """Find the intervals in which each wheel of a draw is in use, by a run without faults and diagnosis.
 
-    Args:
-      draw: The draw with its truth.
-      values: Gains before the search by name, in place of the model's.
-
     Returns:
       `draw`: the truth. `uses`: intervals per wheel. Or `error`: the message of a run that failed.
     """
@@ -168,12 +158,6 @@ def drive_trial(
     draw: Draw, values: Mapping[str, float], uses: Uses | None, thresholds: Thresholds | None = None
 ) -> dict[str, Any]:
     """Drive one draw with the gains of a candidate.
-
-    Args:
-      draw: The draw with its truth, which is hidden from controller and method.
-      values: Gains by name, in place of the model's.
-      uses: From `drive_healthy`; None for a draw without faults.
-      thresholds: Thresholds of the method; the shipped ones when None.
 
     Returns:
       `draw`, `gains`, and `facts` from `measure_trial`; a failed run has the one fact `broke`: gains can
