@@ -204,23 +204,13 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
 def _format_diagnosis(
     order: DiagnosisConfig, found: Sequence[RunDiagnosis], interrupted: bool, out: Path
 ) -> str:
-    from omnimj.view.diagnosis_words import (
-        describe_confidence,
-        describe_diagnosis,
-        describe_evidence,
-        describe_time,
-        describe_undiagnosed,
-        describe_unjudged,
-        summarize_runs,
-    )
+    from omnimj.view.diagnosis_words import describe, describe_undiagnosed, describe_unjudged, summarize_runs
 
     rows = []
     for one in found:
         if not one.diagnoses:
             rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", "", ""))
-        for d in one.diagnoses:
-            described = describe_diagnosis(d), describe_time(d), describe_confidence(d), describe_evidence(d)
-            rows.append((one.name, *described))
+        rows += [(one.name, *describe(d)) for d in one.diagnoses]
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
     lines += [format_table(("run", "what", "when", "confidence", "decided by"), rows), ""]
     seconds = sum(one.judged for one in found)

@@ -11,13 +11,14 @@ import functools
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from omnimj.estimate.gap.find import find_gap
@@ -185,15 +186,22 @@ def _drive(name: str) -> tuple[mujoco.MjModel, PoseTrack, Array]:
 
 def make_gallery(path: Path) -> None:
     """Render six scenarios in close-up on one sheet."""
-    width, height = _SHOT_SIZE
-    rows = -(-len(GALLERY) // _COLUMNS)
-    sheet = np.full((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3), 255, np.uint8)
-    for number, shot in enumerate(GALLERY):
+    pictures = []
+    for shot in GALLERY:
         mj_model, poses, trail = _drive(shot.scenario)
         k = int(np.argmin(np.abs(poses.time - shot.time)))
         x, y, _ = camera_at(mj_model, poses.position[k]).target
         camera = Camera((x, y, shot.height), shot.distance, shot.azimuth, shot.elevation)
-        (pixels,) = frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
+        pictures += frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
+    _save_sheet(pictures, path)
+
+
+def _save_sheet(pictures: Sequence[NDArray[np.uint8]], path: Path) -> None:
+    """Arrange pictures of `_SHOT_SIZE` on white, row by row."""
+    width, height = _SHOT_SIZE
+    rows = -(-len(pictures) // _COLUMNS)
+    sheet = np.full((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3), 255, np.uint8)
+    for number, pixels in enumerate(pictures):
         row, column = divmod(number, _COLUMNS)
         top, left = row * (height + _GAP), column * (width + _GAP)
         sheet[top : top + height, left : left + width] = pixels
@@ -202,14 +210,9 @@ def make_gallery(path: Path) -> None:
 
 def make_wheels(path: Path) -> None:
     """Render robots on omni and mecanum wheels, as `omnimj robot` writes them, on one sheet."""
-    width, height = _SHOT_SIZE
-    sheet = np.full((height, len(LAYOUTS) * (width + _GAP) - _GAP, 3), 255, np.uint8)
-    for column, layout in enumerate(LAYOUTS):
-        mj_model = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout)))
-        (pixels,) = frames(mj_model, [(mj_model.qpos0, _WHEELS_CAMERA, np.empty((0, 2)))], _SHOT_SIZE)
-        left = column * (width + _GAP)
-        sheet[:, left : left + width] = pixels
-    Image.fromarray(sheet).save(path)
+    models = [mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout))) for layout in LAYOUTS]
+    shots = [(model, [(model.qpos0, _WHEELS_CAMERA, np.empty((0, 2)))]) for model in models]
+    _save_sheet([pixels for model, shot in shots for pixels in frames(model, shot, _SHOT_SIZE)], path)
 
 
 def make_robot(path: Path) -> None:

@@ -101,9 +101,9 @@ class KnownSet:
         return next((logs for name in self.folders if (logs := self.logs_in(folder / name))), ())
 
 
-def known_sets(file: Path | None = None) -> tuple[KnownSet, ...]:
+def known_sets() -> tuple[KnownSet, ...]:
     """Read the known public sets."""
-    path = file or models_folder() / KNOWN_SETS
+    path = models_folder() / KNOWN_SETS
     return tuple(_known_set(path, name, entry) for name, entry in read_toml(path).items())
 
 

@@ -27,8 +27,8 @@ from omnimj.errors import InputError
 from omnimj.parameters import Control, Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.traction import load_factor
+from omnimj.signals import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 
 FLOORS = ("natural_stone", "pvc", "paperboard")

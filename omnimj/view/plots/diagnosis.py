@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.signals import Trace, equal_stretches
+from omnimj.signals import Array, Trace, equal_stretches
 from omnimj.view import palette
 from omnimj.view.plots.over_time import finish
 from omnimj.view.plots.panels import MIDDLE, Drawing, Panel, new_drawing
@@ -17,7 +17,6 @@ from omnimj.view.plots.thinning import BINS, log_beyond
 from omnimj.view.residuals import Family
 from omnimj.view.wording import Span, mode_name, recovery_spans
 
-Array = NDArray[np.float64]
 _LOG_SCALE_BEYOND = (
     15.0  # × threshold: on a linear axis, larger residuals would make the threshold indistinguishable from 0
 )

@@ -158,8 +158,7 @@ def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Dr
         _averages(panel, x[known], y[known], marker, label, color, dash)
     panel.rule(0.0)
     panel.legend()
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def _shade(panel: Panel, variable: str, place: MismatchRegime, x: Array) -> None:
@@ -205,8 +204,7 @@ def by_run(gaps: Sequence[RunGap]) -> Drawing:
     after = [gap.total_after for gap in shown if gap.total_after is not None]
     before = [gap.total_before for gap in shown]
     panel = dumbbells(labels, before, after if len(after) == len(shown) else None)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def shrinkage(finding: Finding) -> Drawing:
@@ -232,8 +230,7 @@ def shrinkage(finding: Finding) -> Drawing:
     panel = dumbbells([row[0] for row in rows], [row[1] for row in rows], after if same else None)
     if len(rows) > n:
         panel.rule(n - 0.5)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def largest_mismatch_channels(finding: Finding, windows: Sequence[Overlay], most: int = 2) -> list[int]:

@@ -11,9 +11,9 @@ from bokeh.models import HBar, Line, Patch, Quad, Scatter, Segment, VArea
 from markupsafe import escape
 from numpy.typing import NDArray
 
+from omnimj.signals import Array
 from omnimj.view.plots.thinning import envelope
 
-Array = NDArray[np.float64]
 ToPixels = Callable[[Array], Array]
 NO_FILL = 'fill="none"'
 _BINS = 400

@@ -32,5 +32,4 @@ def identified_numbers(found: RobotIdentification) -> Drawing:
         panel.points(values, rows, color, f"by {source}", marker, 8, names=names)
     panel.rule(1.0, across=False)
     panel.legend()
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()

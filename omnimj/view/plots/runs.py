@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnimj.parameters import Robot
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.view import palette
 from omnimj.view.motion import patch_corners, planned_heading, planned_position, wheel_count
 from omnimj.view.plots.over_time import finish
@@ -17,7 +16,6 @@ from omnimj.view.plots.panels import MIDDLE, NOT_HOVERED, SHORT, TALL, Drawing, 
 from omnimj.view.plots.thinning import averaged
 from omnimj.view.wording import Span
 
-Array = NDArray[np.float64]
 _DEGREES = 180.0 / np.pi
 _DASHES = (0, (5, 3))
 _PROPORTION = 1.15  # width of a map / height

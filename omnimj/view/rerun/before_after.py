@@ -24,7 +24,7 @@ from omnimj.parameters import Floor, read_floors, read_rig, read_robot
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.poses import Poses
+from omnimj.view.poses import Poses, robot_poses
 from omnimj.view.rerun import dead_reckoning
 from omnimj.view.rerun.blueprint import Eye, arranged, scene_view, whole_axis
 from omnimj.view.rerun.dead_reckoning import Motion
@@ -141,7 +141,7 @@ def _robot_scene(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
     robot = read_robot(machine_file)
-    log_bodies = _body_logger(stream, robot_model(robot, _floor(finding)), kinds, dead_reckoning.robot_poses)
+    log_bodies = _body_logger(stream, robot_model(robot, _floor(finding)), kinds, robot_poses)
 
     def log(kind: str, motion: Motion, timeline: str) -> None:
         log_bodies(kind, motion, timeline)

@@ -14,9 +14,9 @@ from omnimj.parameters import Robot, read_floors
 from omnimj.plant.mujoco.assembly import robot_model
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.poses import Poses
+from omnimj.view.poses import Poses, robot_poses
 from omnimj.view.rerun.blueprint import Eye, arranged, scene_view
-from omnimj.view.rerun.dead_reckoning import filled, integrated, robot_poses
+from omnimj.view.rerun.dead_reckoning import filled, integrated
 from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import (
     MEASURED,
