@@ -53,11 +53,7 @@ def _edge_line(text: str) -> tuple[float, float] | str:
 
 
 def wants_floor_labels(arguments: Any) -> bool:
-    """Whether `--floor-labels` is given, with all that it needs and nothing else.
-
-    Raises:
-      InputError: An option is missing, or does not go together with another.
-    """
+    """Whether `--floor-labels` is given, with all that it needs and nothing else."""
     if arguments.floor_labels is None:
         for name in ("calibrate_on", "edge_line"):
             if getattr(arguments, name) is not None:

@@ -174,12 +174,7 @@ def write_outputs(
     content: Mapping[str, Any],
     texts: Mapping[str, str],
 ) -> None:
-    """Write model, floors, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all.
-
-    Raises:
-      InputError: The folder is not empty and `force` is false.
-      OutputError: A file cannot be written.
-    """
+    """Write model, floors, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all."""
     from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json, write_text
     from omnimj.view.report.gap import write_gap_report
@@ -333,7 +328,7 @@ def run_gap_benchmark(arguments: Any) -> int:
                 "--benchmark", f"found {name}", "the benchmark makes its own data for the shipped model"
             )
     from omnimj.studies.gap_benchmark.study import NUMBERS, BenchmarkConfig, run_benchmark
-    from omnimj.view.report.evaluation import write_benchmark_report
+    from omnimj.view.report.evaluation import write_tables_report
 
     order = BenchmarkConfig(
         arguments.out,
@@ -345,7 +340,8 @@ def run_gap_benchmark(arguments: Any) -> int:
         arguments.plant,
     )
     outcome = run_on_executor(arguments, run_benchmark, order)
-    write_benchmark_report(arguments.out / REPORT, outcome.lines, outcome.tables)
+    heading = "Blind benchmark of the gap workflow"
+    write_tables_report(arguments.out / REPORT, heading, outcome.lines, outcome.tables, NUMBERS)
     print_study(arguments.out, NUMBERS, lambda: _format_benchmark(outcome, arguments.out), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
 

@@ -136,11 +136,7 @@ def end_notice() -> None:
 
 @contextmanager
 def logging_to(arguments: Any) -> Iterator[None]:
-    """Send the log of omnimj to `--log FILE`, and with `--verbose` to stderr.
-
-    Raises:
-      OutputError: The file cannot be written.
-    """
+    """Send the log of omnimj to `--log FILE`, and with `--verbose` to stderr."""
     from omnimj.errors import write_failure
 
     logger, handlers = logging.getLogger("omnimj"), []

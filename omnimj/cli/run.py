@@ -155,7 +155,9 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
     finished.metrics["failure"] = failure
     finished.metrics["command"] = command_line(arguments)
     if others.runs:
-        finished.metrics["compared"] = comparison_metrics(others)
+        failures = others.failures
+        compared = {name: {**run.metrics, "failure": failures.get(name)} for name, run in others.runs.items()}
+        finished.metrics["compared"] = compared
     if not failure:
         from omnimj.cli.run_summary import format_run
 
@@ -168,7 +170,8 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
             write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
         if not failure and not arguments.json:
             print(f"written to {arguments.out}")
-    print_failures(others)
+    for method, reason in others.failures.items():
+        print(f"omnimj: method {method}: {reason}", file=sys.stderr)
     if live is not None:
         live.finish(finished)
 
@@ -266,30 +269,12 @@ def drive_comparison(arguments: Any, scenario: Scenario, methods: tuple[str, ...
     return Comparison(runs, failures)
 
 
-def comparison_metrics(comparison: Comparison) -> dict[str, Any]:
-    """Return the entry `compared` of `metrics.json`."""
-    return {
-        method: {**run.metrics, "failure": comparison.failures.get(method)}
-        for method, run in comparison.runs.items()
-    }
-
-
-def print_failures(comparison: Comparison) -> None:
-    """Print one line on stderr for each run that failed."""
-    for method, failure in comparison.failures.items():
-        print(f"omnimj: method {method}: {failure}", file=sys.stderr)
-
-
 def write_outputs(
     folder: Path, force: bool, run: RunResult, others: Mapping[str, RunResult] | None = None
 ) -> None:
     """Write `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
 
     Runs with other methods have a trace each, `trace_off.parquet` and so on, and are shown in `report.html`.
-
-    Raises:
-      InputError: The folder is not empty and `force` is false.
-      OutputError: A file cannot be written.
     """
     from omnimj.recording.folder import RUN_FILES, make_folder
     from omnimj.recording.traces import write_trace

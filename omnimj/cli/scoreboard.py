@@ -71,7 +71,8 @@ def _folder(out: Path | None) -> Iterator[Path]:
 def _run(arguments: Any, folder: Path) -> ScoreboardResult:
     from omnimj.studies.scoreboard.sets import known_sets
     from omnimj.studies.scoreboard.study import ScoreboardConfig, run_scoreboard
-    from omnimj.view.report.evaluation import write_scoreboard_report
+    from omnimj.studies.scoreboard.tables import HEADING
+    from omnimj.view.report.evaluation import write_tables_report
 
     order = ScoreboardConfig(
         folder,
@@ -85,7 +86,8 @@ def _run(arguments: Any, folder: Path) -> ScoreboardResult:
         arguments.force,
     )
     outcome = run_on_executor(arguments, run_scoreboard, order)
-    write_scoreboard_report(folder / REPORT, outcome.lines, outcome.tables)
+    files = f"{NUMBERS}, reports of the searches in sets/"
+    write_tables_report(folder / REPORT, HEADING, outcome.lines, outcome.tables, files)
     return outcome
 
 

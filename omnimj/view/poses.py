@@ -270,16 +270,13 @@ def visible_model(scenario: Scenario) -> mujoco.MjModel:
 def visible_poses(
     scenario: Scenario, trace: Trace, time: Array | None = None, qpos: Array | None = None
 ) -> Poses | None:
-    """Return the poses of a run for its recording and picture.
+    """Return the poses of a run for its recording and picture; None if the motion of the machine is unknown.
 
     Args:
       scenario: Scenario of the run.
       trace: Signals of the run; without recorded poses, a robot follows `x`, `y`, `heading` and wheel speeds.
       time: Times of the recorded poses, shape (k,) [s].
       qpos: Recorded poses, shape (k, nq).
-
-    Returns:
-      Poses; None if the motion of the machine is unknown.
 
     Raises:
       ValueError: The poses are not those of the machine in the scenario.

@@ -176,11 +176,7 @@ def _change_per_time(reading: Array, time: Array, wrap: float | None, stale: NDA
 
 
 def _scaled(table: SourceTable, target: str, rule: ColumnSource, reading: Array) -> Array:
-    """Convert a reading to the SI unit of its column.
-
-    Raises:
-      InputError: Its unit is not that of the column, and no scale is given.
-    """
+    """Convert a reading to the SI unit of its column."""
     written = rule.unit if rule.unit is not None else table.columns[rule.source].unit
     unit, needed = find_unit(written), target_unit(target)
     factor = unit.factor if unit is not None else 1.0

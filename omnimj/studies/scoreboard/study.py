@@ -22,7 +22,7 @@ from omnimj.errors import SimulationError
 from omnimj.estimate.gap.records import Finding
 from omnimj.estimate.gap.sentences import effect_label
 from omnimj.recording.json_files import to_jsonable, write_json, write_text
-from omnimj.studies.runner import StudyFolder, TrialFolder, run_guarded, run_study
+from omnimj.studies.runner import StudyFolder, TrialFolder, guarded, run_study
 from omnimj.studies.scoreboard.sets import KnownSet, MissingSet, RealSet, find_sets
 from omnimj.studies.scoreboard.tables import HEADING, Row, introduction, score_tables
 from omnimj.studies.statistics import Table, format_markdown
@@ -125,12 +125,9 @@ class _Scoreboard:
         return ScoreboardResult(rows, tuple(self._missing), lines, tables, interrupted, len(errors))
 
 
+@guarded
 def search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
     """Import a set if its logs need it, search it, and return what the table shows."""
-    return run_guarded(lambda: _search_set(search, one, folder, seed, accept))
-
-
-def _search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
     mark = one.fingerprint()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

@@ -21,7 +21,7 @@ from omnimj.simulate.metrics import DIAGNOSIS_UNITS
 from omnimj.simulate.plants import KINEMATIC, PLANT_NAMES, plant_name
 from omnimj.simulate.run import RunResult, run_scenario
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
-from omnimj.studies.runner import run_guarded
+from omnimj.studies.runner import guarded
 from omnimj.studies.sensitivity.factors import FLOOR
 
 
@@ -172,22 +172,19 @@ def resolve_method(config: TrialConfig, scenario: Scenario) -> str:
     return default_method(scenario) if config.method is None else config.method
 
 
+@guarded
 def drive_with(config: TrialConfig, values: Mapping[str, float], seed: int) -> dict[str, Any]:
     """Drive the scenario once.
 
     Returns:
       `values`, `seed` and `results` by name; or `error`: the message of a run that failed.
     """
-
-    def trial() -> dict[str, Any]:
-        scenario = nominal_scenario(config)
-        method = resolve_method(config, scenario)
-        run = run_scenario(scenario, config.plant, method, seed, truth=true_scenario(scenario, values))
-        if run.trace.about["failure"]:
-            raise SimulationError(run.trace.about["failure"])
-        if run.interrupted:
-            raise KeyboardInterrupt
-        results = read_results(run, result_units(scenario, method))
-        return {"values": values, "seed": seed, "results": results}
-
-    return run_guarded(trial)
+    scenario = nominal_scenario(config)
+    method = resolve_method(config, scenario)
+    run = run_scenario(scenario, config.plant, method, seed, truth=true_scenario(scenario, values))
+    if run.trace.about["failure"]:
+        raise SimulationError(run.trace.about["failure"])
+    if run.interrupted:
+        raise KeyboardInterrupt
+    results = read_results(run, result_units(scenario, method))
+    return {"values": values, "seed": seed, "results": results}

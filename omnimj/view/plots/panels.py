@@ -362,10 +362,8 @@ class Panel:
         )
 
     def finish(self) -> Drawing:
-        """Add labels, tools, and the values below the cursor, after everything is drawn.
-
-        Returns:
-          The panel alone.
+        """Add labels, tools, and the values below the cursor, after everything is drawn; return the panel
+        alone.
         """
         plot = self.plot
         plot.yaxis.axis_label, plot.xaxis.axis_label = self.label, self.x_label

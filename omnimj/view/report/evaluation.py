@@ -29,20 +29,18 @@ def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
     )
 
 
-def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[TextTable]) -> None:
-    """Write the report of the gap benchmark, without empty tables."""
-    _write_tables(path, "Blind benchmark of the gap workflow", lines, tables, "benchmark.json")
-
-
-def write_scoreboard_report(path: Path, lines: Sequence[str], tables: Sequence[TextTable]) -> None:
-    """Write the report of the scoreboard of real measurements, without empty tables."""
-    heading = "Gap workflow on real measurements"
-    _write_tables(path, heading, lines, tables, "scoreboard.json, reports of the searches in sets/")
-
-
-def _write_tables(
+def write_tables_report(
     path: Path, heading: str, lines: Sequence[str], tables: Sequence[TextTable], files: str
 ) -> None:
+    """Write the report of the gap benchmark or of the scoreboard, without empty tables.
+
+    Args:
+      path: HTML file to write.
+      heading: Title of the page.
+      lines: Paragraphs above the tables.
+      tables: Tables of the study.
+      files: Names of the files with all numbers.
+    """
     write_page(
         path,
         "evaluation",

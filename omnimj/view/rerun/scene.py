@@ -134,9 +134,6 @@ class Machine:
           timeline: Name of the timeline.
           rollers_turn: True if roller angles are known; otherwise rollers are logged once, at rest in their
             wheel.
-
-        Returns:
-          World poses of all bodies.
         """
         frames = body_frames(poses)
         index = time_column(frames.time, timeline)
