@@ -29,7 +29,8 @@ class Command:
     """Text below the options in the help: examples, then notes."""
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[Any], int]
-    """Function of the parsed arguments that does the work and returns the exit code."""
+    """Function of the parsed arguments that does the work and returns the exit code: 0; 130 after Ctrl-C,
+    with all that was finished kept; 1 as its docstring says. `main` turns errors into one line and a code."""
     resumes: bool = False
     """True if the command continues what it has left in `--out` when it is given again."""
 

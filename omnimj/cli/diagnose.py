@@ -71,12 +71,7 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_diagnose(arguments: Any) -> int:
-    """Diagnose each recorded run and write its trace as soon as it is finished; or do so for each dataset.
-
-    Returns:
-      0 regardless of the diagnoses; 1 if one of several datasets failed; 130 after Ctrl-C, with all finished
-      runs kept.
-    """
+    """Diagnose each recorded run and write its trace, or do so for each dataset; 1 if one of these failed."""
     from omnimj.cli.fleet import is_fleet, run_fleet
 
     if wants_floor_labels(arguments):
@@ -251,11 +246,7 @@ def _rate(text: str) -> float:
 
 
 def run_calibrate(arguments: Any) -> int:
-    """Calibrate the thresholds on the recordings, then diagnose these once more with the result.
-
-    Returns:
-      0; 1 if a threshold rose far beyond the shipped one: the file is then written with `--accept` only.
-    """
+    """Calibrate the thresholds on fault-free recordings; 1 if one is so high that it needs `--accept`."""
     require_writable(arguments.out, arguments.force)
     order = _calibration_config(arguments)
     from omnimj.diagnosis.calibration import calibrate

@@ -83,11 +83,7 @@ def run_fleet(
     head: tuple[str, ...],
     row: Callable[[str, Mapping[str, Any]], tuple[str, ...]],
 ) -> int:
-    """Run a command on every dataset of a folder.
-
-    Returns:
-      0; 1 if a dataset failed; 130 after Ctrl-C, with all finished datasets kept.
-    """
+    """Run a command on every dataset of a folder; 1 if one failed."""
     home, there = arguments.dataset.resolve(), arguments.out.resolve()
     if there == home or home in there.parents:
         rule = "choose another one, datasets are not changed"

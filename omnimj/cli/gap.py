@@ -73,11 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Search for the gap between model and measurement and write the result.
-
-    Returns:
-      0 regardless of the verdict; 130 after Ctrl-C, with everything found so far written.
-    """
+    """Search for the gap between model and measurement and write the result."""
     from omnimj.recording.folder import check_folder
 
     if arguments.scoreboard and not arguments.benchmark:
@@ -315,11 +311,7 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_gap_benchmark(arguments: Any) -> int:
-    """Run the benchmark of the search.
-
-    Returns:
-      0 regardless of the scores; 1 if a search failed; 130 after Ctrl-C, with all finished cases kept.
-    """
+    """Run the benchmark of the search; 1 if a search failed."""
     given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
     given |= {"--data": arguments.data, "--scoreboard": arguments.scoreboard}
     for name, value in given.items():

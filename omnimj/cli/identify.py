@@ -56,12 +56,7 @@ def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_identify(arguments: Any) -> int:
-    """Identify every floor of a rig, or a robot, and write the results; or do so for each dataset of a
-    folder.
-
-    Returns:
-      0; 1 if a dataset of several failed; 130 after Ctrl-C, with all finished floors kept.
-    """
+    """Identify the floors of a rig, or a robot, or those of each dataset of a folder; 1 if one failed."""
     from omnimj.cli.fleet import is_fleet, run_fleet
     from omnimj.estimate.identification.records import Identification
 
@@ -186,11 +181,7 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_validate(arguments: Any) -> int:
-    """Simulate every measured run again and write the comparison.
-
-    Returns:
-      0; 130 after Ctrl-C, with all finished runs kept.
-    """
+    """Simulate every measured run again and write the comparison."""
     from omnimj.recording.folder import check_folder
 
     if arguments.plant not in CHOICES:

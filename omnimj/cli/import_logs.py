@@ -42,11 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Preview logs, propose a mapping, or write the dataset.
-
-    Returns:
-      0; 1 if `--out` was given and the proposed mapping is not complete.
-    """
+    """Preview logs, propose a mapping, or write the dataset; 1 if the mapping is not complete for that."""
     from omnimj.errors import UnknownNameError
     from omnimj.recording.folder import check_folder
     from omnimj.recording.importing.mapping import PLANTS

@@ -50,11 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Simulate the runs of the suite and write the dataset.
-
-    Returns:
-      0; 130 after Ctrl-C, with all finished runs kept.
-    """
+    """Simulate the runs of the suite and write the dataset."""
     from omnimj.simulate.suites.catalogue import find_suite
 
     suite = find_suite(arguments.suite)

@@ -87,11 +87,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_run(arguments: Any) -> int:
-    """Drive the scenario, write its folder and print the verdict.
-
-    Returns:
-      0 if every check passes; 1 if one fails; 130 after Ctrl-C, with everything recorded so far written.
-    """
+    """Drive the scenario, write its folder and print the verdict; 1 if a check fails."""
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.scenario.scenario import read_scenario
     from omnimj.view.opengl import choose_backend

@@ -41,12 +41,7 @@ def add_scoreboard_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_scoreboard_command(arguments: Any) -> int:
-    """Search all sets that are there and print the table.
-
-    Returns:
-      0 regardless of the verdicts; 1 if a set could not be searched; 130 after Ctrl-C, with all finished sets
-      kept.
-    """
+    """Search all sets that are there and print the table; 1 if a set could not be searched."""
     given = {"--model": arguments.model, "--floors": arguments.floors, "--holdout": arguments.holdout}
     for name, value in given.items():
         if value:

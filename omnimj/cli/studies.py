@@ -71,11 +71,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_evaluate(arguments: Any) -> int:
-    """Drive the cases, score them and write the results.
-
-    Returns:
-      0 regardless of the scores; 1 if a case failed; 130 after Ctrl-C, with all finished cases kept.
-    """
+    """Drive the cases, score them and write the results; 1 if a case failed."""
     from omnimj.studies.evaluation.cases import FLOORS, CasePopulation
     from omnimj.studies.evaluation.study import NUMBERS, EvaluationConfig, check_config, run_evaluation
     from omnimj.studies.random_truth import CLASSES
@@ -156,11 +152,7 @@ def _absolute(file: Path | None) -> Path | None:
 
 
 def run_sensitivity(arguments: Any) -> int:
-    """Drive the trajectories of the study, rank the parameters and write the results.
-
-    Returns:
-      0 regardless of the ranking; 1 if a run failed; 130 after Ctrl-C, with all finished runs kept.
-    """
+    """Drive the trajectories, rank the parameters and write the results; 1 if a run failed."""
     from omnimj.simulate.scenario.scenario import absolute_scenario
     from omnimj.studies.sensitivity.study import NUMBERS, SensitivityConfig, check_config, run_sensitivity
     from omnimj.studies.sensitivity.trial import TrialConfig, nominal_scenario

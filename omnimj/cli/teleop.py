@@ -78,11 +78,7 @@ def _number(text: str) -> float:
 
 
 def run(arguments: Any) -> int:
-    """Drive until a key, a signal or the plant ends the drive, then write the trace.
-
-    Returns:
-      0 if ended by a key; 130 after Ctrl-C or when the terminal hung up.
-    """
+    """Drive until a key, a signal or the plant ends the drive, then write the trace."""
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.detectors import require_known_method
     from omnimj.simulate.teleop.devices import Terminal

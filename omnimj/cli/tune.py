@@ -84,11 +84,8 @@ def _points(text: str) -> int:
 
 
 def run(arguments: Any) -> int:
-    """Search for gains, judge them on other seeds, and write gains file and report.
-
-    Returns:
-      0 if the result is better on the judging seeds, 1 if not; 130 after Ctrl-C, with all finished trials
-      kept.
+    """Search for gains, judge them on other seeds, write gains file and report; 1 if they are not better
+    there.
     """
     from omnimj.recording.json_files import write_text
     from omnimj.studies.tuning.reporting import format_gains_file

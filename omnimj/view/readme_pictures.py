@@ -48,6 +48,7 @@ _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.
 _WHEELS_CAMERA = Camera(target=(0.0, 0.0, 0.04), distance=0.74, azimuth=140.0, elevation=-24.0)
 _ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (560, 360)  # [pixels]
 _FRAME_RATE = 15  # [1/s]
+_CLOSE = 0.72  # [m] distance of the camera from the machine in the gallery
 _BROWSER, _SCREEN = "chromium", "1200,860"  # [pixels]
 _HEADING = 22  # [pixels]
 _STILL = r"<figcaption><b>([^<]*)</b>[^<]*</figcaption>.*?<div class='still'>"
@@ -151,8 +152,6 @@ class Shot:
     scenario: str
     time: float
     """Time in the scenario [s]."""
-    distance: float = 0.72
-    """Distance of the camera from the machine [m]."""
     azimuth: float = 140.0
     """Azimuth of the camera [°]."""
     elevation: float = -34.0
@@ -191,7 +190,7 @@ def make_gallery(path: Path) -> None:
         mj_model, poses, trail = _drive(shot.scenario)
         k = int(np.argmin(np.abs(poses.time - shot.time)))
         x, y, _ = camera_at(mj_model, poses.position[k]).target
-        camera = Camera((x, y, shot.height), shot.distance, shot.azimuth, shot.elevation)
+        camera = Camera((x, y, shot.height), _CLOSE, shot.azimuth, shot.elevation)
         pictures += frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
     _save_sheet(pictures, path)
 

@@ -36,11 +36,6 @@ def read_mcap(path: Path, open_channel: OpenChannel, progress: Progress) -> None
 
     Chunks are checked against their checksum, and expanded to the size they claim and no further.
 
-    Args:
-      path: MCAP file.
-      open_channel: Called at the first message of each channel.
-      progress: Called after every chunk.
-
     Raises:
       InputError: The mcap library is missing, or the file is damaged or of another kind.
     """
