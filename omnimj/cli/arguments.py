@@ -35,12 +35,7 @@ class Command:
     """True if the command continues what it has left in `--out` when it is given again."""
 
     def add_to(self, commands: Any, key: str = "run") -> None:
-        """Add the command to a parser's sub-commands.
-
-        Args:
-          commands: Result of `ArgumentParser.add_subparsers`.
-          key: Attribute of the parsed arguments that holds `run`.
-        """
+        """Add the command to sub-commands of a parser; attribute `key` of its arguments holds `run`."""
         parser = commands.add_parser(
             self.name,
             help=self.help,
@@ -97,11 +92,7 @@ def add_thresholds(parser: argparse.ArgumentParser) -> None:
 
 
 def read_thresholds(file: Path | None, method: str) -> Any:
-    """Read the file given by `--thresholds`; return None without the option.
-
-    Raises:
-      InputError: The file is invalid or for another method.
-    """
+    """Read the file given by `--thresholds`; return None without the option."""
     if file is None:
         return None
     from omnimj.control.detection.robust.thresholds import read_thresholds
@@ -126,11 +117,7 @@ def add_gains(parser: argparse.ArgumentParser) -> None:
 
 
 def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | None:
-    """Read the gains in a file, completed by the model's; return None without a file.
-
-    Raises:
-      InputError, UnknownNameError: As in `control.gains.read_gains` and `read_robot`.
-    """
+    """Read the gains in a file, completed by the model's; return None without a file."""
     if file is None:
         return None
     from omnimj.control.gains import read_gains
@@ -146,11 +133,7 @@ def add_observer_gains(parser: argparse.ArgumentParser) -> None:
 
 
 def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
-    """Read the observer's gains in a file; return None without a file.
-
-    Raises:
-      InputError: The file is for another method, or as in `control.gains.read_gains`.
-    """
+    """Read the observer's gains in a file; return None without a file."""
     if file is None:
         return None
     if method != "robust":
@@ -308,12 +291,7 @@ def add_reset_fault(parser: argparse.ArgumentParser) -> None:
 
 
 def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
-    """Read the options of the link; return None for a plant without one.
-
-    Raises:
-      InputError: A link option was given for a plant without a link, or the address has the wrong form.
-      MissingLibrary: The library of serial ports is not installed.
-    """
+    """Read the options of the link; return None for a plant without one."""
     names = ("key_file", "lock_step", "real_time", "readonly", "dry_run", "reset_fault")
     given = [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name)]
     from omnimj.simulate.plants import LinkOptions, is_link_address

@@ -84,9 +84,7 @@ def _points(text: str) -> int:
 
 
 def run(arguments: Any) -> int:
-    """Search for gains, judge them on other seeds, write gains file and report; 1 if they are not better
-    there.
-    """
+    """Search for gains, judge them on other seeds, and write them with a report; 1 if they are not better."""
     from omnimj.recording.json_files import write_text
     from omnimj.studies.tuning.reporting import format_gains_file
     from omnimj.studies.tuning.study import check_config, run_tuning

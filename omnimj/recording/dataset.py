@@ -113,13 +113,7 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
 
 
 def plant_columns(plant: str, wheels: int = ROBOT_WHEELS, pose_measured: bool = False) -> PlantColumns:
-    """Return the columns of a plant.
-
-    Args:
-      plant: One of `PLANT_COLUMNS`.
-      wheels: Number of wheels of a robot.
-      pose_measured: Whether a robot's pose was measured, so that it needs no inertial unit.
-    """
+    """Return the columns of a plant."""
     return _robot_columns(wheels, pose_measured) if plant == "uto_robot" else PLANT_COLUMNS[plant]
 
 

@@ -96,10 +96,6 @@ class DatasetFile:
 def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> DatasetFile:
     """Read the `dataset.toml` of a folder.
 
-    Args:
-      folder: The dataset's folder.
-      floors: Names of all floors; None for those of the shipped `floors.toml`.
-
     Raises:
       InputError: The file is missing or not TOML, or a value breaks its rule.
       UnknownNameError: A plant, floor, column or key does not exist; the message lists the choices.

@@ -129,10 +129,6 @@ def wheel_bodies(mj_model: mujoco.MjModel, groups: list[list[int]] | None = None
     """Return the bodies that turn on a wheel's axle, in the order of the wheels.
 
     A wheel is a body with rollers: two or more identical children.
-
-    Args:
-      mj_model: Visible model.
-      groups: Result of `identical_bodies`; computed if None.
     """
     groups = identical_bodies(mj_model) if groups is None else groups
     parents = {int(mj_model.body_parentid[group[0]]) for group in groups}

@@ -105,11 +105,7 @@ def run_sensitivity(
 def check_config(
     config: SensitivityConfig,
 ) -> tuple[Scenario, tuple[Factor, ...], tuple[ExcludedFactor, ...]]:
-    """Return the scenario, the parameters that are varied in it, and those that are not.
-
-    Raises:
-      InputError, UnknownNameError: As `run_sensitivity`.
-    """
+    """Return the scenario, the parameters that are varied in it, and those that are not."""
     for source in config.sources:
         if source not in SOURCES:
             raise UnknownNameError("--source", "source", source, SOURCES)

@@ -140,11 +140,7 @@ def generation_size(axes: int) -> int:
 
 
 def require_cma() -> Any:
-    """Import the library `cma`.
-
-    Raises:
-      MissingLibrary: It is not installed.
-    """
+    """Import the library `cma`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about its own plots, which need another library

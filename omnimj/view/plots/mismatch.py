@@ -133,13 +133,7 @@ def regime_variables(finding: Finding) -> list[tuple[str, MismatchRegime]]:
 
 
 def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Drawing:
-    """Plot the mismatch of a channel over a regime variable: a dot per block, averages before and after.
-
-    Args:
-      finding: Result of the search, whose overlays contain the blocks.
-      variable: Regime variable of the horizontal axis.
-      place: Regime to shade; its channel is the one shown.
-    """
+    """Plot the mismatch in the channel of a regime over a variable: blocks, and averages of both models."""
     channel = list(finding.channels).index(place.channel)
     channel_unit, words = finding.channels[place.channel]
     used = [o for o in finding.overlays if variable in o.regimes]

@@ -140,14 +140,7 @@ class LiveRun(_LiveView):
             self._run.add(Trace(columns), self._moved(self._taken()))
 
     def finish(self, run: RunResult) -> None:
-        """Send the rest of the data, the fault states and the checks; the viewer then plays the run.
-
-        Args:
-          run: Result of the run, at least two rows.
-
-        Raises:
-          ViewerError: The viewer failed.
-        """
+        """Send the rest of the data, the fault states and the checks; the viewer then plays the run."""
         if self._sink.is_open:
             self._send_rest(run)
             self._stream.flush(timeout_sec=_FLUSHING)
@@ -231,11 +224,7 @@ class LiveDrive(_LiveView):
         self._run.add(trace, moved)
 
     def finish(self) -> None:
-        """Send the queued batches and detach from the viewer.
-
-        Raises:
-          ViewerError: The viewer failed.
-        """
+        """Send the queued batches and detach from the viewer."""
         with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_ENDING)
             self._thread.join(_ENDING)

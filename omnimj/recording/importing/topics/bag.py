@@ -28,7 +28,7 @@ _SHOWN = 5000  # messages between two steps of the progress
 
 
 def read_bag(path: Path, open_channel: OpenChannel, progress: Progress) -> str:
-    """Pass every message of a bag to the function that its channel was opened with; return its kind in words.
+    """Pass every message of a bag to the function of its channel; return the kind of file in words.
 
     Raises:
       InputError: A library is missing, or a file is damaged or of another kind.
