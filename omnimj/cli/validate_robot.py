@@ -110,7 +110,9 @@ def _many(notes: int) -> str:
 
 
 def _row(group: Group) -> tuple[str, ...]:
-    ends = f"{_percent(group.end_by_measured_heading)} / {_percent(group.end_by_own_heading)}"
+    from omnimj.view.wording import percent
+
+    ends = f"{percent(group.end_by_measured_heading)} / {percent(group.end_by_own_heading)}"
     return (
         group.floor,
         f"{group.wheel_rolling:.2f}",
@@ -118,7 +120,7 @@ def _row(group: Group) -> tuple[str, ...]:
         group.plant,
         f"{group.measured_speed:.4f}",
         f"{group.simulated_speed:.4f}",
-        _percent(group.velocity_error),
+        percent(group.velocity_error),
         _currents(group.current_error),
         _currents(_over_wheels(group.measured_current)),
         f"{group.yaw_rate_error:.4f}",
@@ -135,7 +137,3 @@ def _over_wheels(values: Array) -> list[float]:
 def _currents(values: Array | list[float]) -> str:
     known = [f"{value:.3f}" if math.isfinite(value) else "–" for value in values]
     return "–" if set(known) == {"–"} else " ".join(known)
-
-
-def _percent(ratio: float) -> str:
-    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "–"

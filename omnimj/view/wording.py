@@ -187,6 +187,11 @@ def number(value: object, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
+def percent(ratio: float) -> str:
+    """Format a ratio in percent; a dash where it is not finite."""
+    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "–"
+
+
 def measure(value: object, unit: str) -> str:
     """Format a number with its unit, an angle also in degrees as in plots."""
     if value is None:

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from browser import chromium, on_a_phone
+from browser import on_a_phone
 from diagnosed_runs import LONG
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
@@ -98,14 +98,6 @@ def written(tmp_path_factory, rig_data, robot_file, compared_file, rig_file) -> 
         return out / "report.html"
 
     return page_of
-
-
-@pytest.fixture(scope="module")
-def browser() -> str:
-    found = chromium()
-    if found is None:
-        pytest.skip("no Chromium on this machine: what a phone shows is not looked at")
-    return found
 
 
 @pytest.mark.parametrize("kind", representative(*LOOKED_AT, *others(*LOOKED_AT), keep=len(LOOKED_AT)))
