@@ -81,6 +81,7 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingR
 
     arguments.plant = plant_for(suite, arguments.plant)
     check_folder(arguments.out, arguments.force)
+    # before the imports that compile
     announce_compilation(arguments.plant, suite.plant, quiet=arguments.quiet)
     order = RecordingConfig(
         arguments.out,

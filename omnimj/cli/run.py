@@ -193,6 +193,7 @@ def _drive(
     plant = plant_name(scenario, arguments.plant)
     compiled = "remote" if wire is not None else plant
     if plant != KINEMATIC:
+        # before the imports that compile
         announce_compilation(compiled, scenario.plant, quiet=arguments.quiet)
     live, callbacks = None, NO_CALLBACKS
     if arguments.view:
