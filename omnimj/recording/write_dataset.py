@@ -104,6 +104,9 @@ def write_dataset(
 ) -> None:
     """Write a dataset; numbers are read back bit for bit, from Parquet and CSV. Arguments as for
     `DatasetWriter`.
+
+    Raises:
+      InputError, OutputError: As in `DatasetWriter`.
     """
     writer = DatasetWriter(folder, plant, defaults, force, table_format)
     for run in runs:

@@ -83,7 +83,11 @@ def plot_names(record: Any) -> tuple[str, ...]:
 
 
 def layout(record: Any, names: Sequence[str]) -> Any:
-    """Bokeh layout of a record's plots below each other; of the first one without names."""
+    """Bokeh layout of a record's plots below each other; of the first one without names.
+
+    Raises:
+      UnknownNameError: No such plot.
+    """
     kind = type(record).__name__
     if isinstance(record, Trace):
         return stacked([_columns(record, kind, names or ("wheel_speed",))])

@@ -46,7 +46,11 @@ class Line(NamedTuple):
 
 
 def make_twin_picture(path: Path, found: DriveValidation, run: str, robot: Robot, floor: Floor) -> None:
-    """Render a run of a validation with both robots at its end."""
+    """Render a run of a validation with both robots at its end.
+
+    Raises:
+      UnknownNameError: No such run.
+    """
     by_plant = {one.plant: one for one in found.runs if one.run == run}
     if "twin" not in by_plant:
         raise UnknownNameError("picture", "run", run, tuple(dict.fromkeys(one.run for one in found.runs)))

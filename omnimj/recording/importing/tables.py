@@ -126,7 +126,11 @@ def _require_file(path: Path, is_held: bool) -> None:
 
 
 def require_size(path: Path, rows: int, columns: int) -> None:
-    """Refuse a table that is too large, as a damaged file may claim."""
+    """Refuse a table that is too large, as a damaged file may claim.
+
+    Raises:
+      InputError: The table has more than `MAX_NUMBERS` numbers.
+    """
     if rows * columns > MAX_NUMBERS:
         raise InputError(path, f"has {rows} rows of {columns} columns", f"at most {MAX_NUMBERS} numbers")
 

@@ -138,7 +138,11 @@ def _hints(config: ImportConfig, given: LogMapping | None) -> SourceHints:
 
 
 def run_names(files: Sequence[Path]) -> list[str]:
-    """Names of the runs: stems of the files, with the folder before them where stems are alike."""
+    """Names of the runs: stems of the files, with the folder before them where stems are alike.
+
+    Raises:
+      InputError: A file is given twice.
+    """
     own = {file: file.absolute().name if file.is_dir() else file.stem for file in files}
     count = Counter(own[file] for file in files)
     names = [own[f] if count[own[f]] == 1 else f"{f.absolute().parent.name}_{own[f]}" for f in files]

@@ -120,7 +120,12 @@ PLANT = "quarter_rig"
 def make_dataset(
     case: Case, folder: Path, made_by: str = "twin", seconds: float = 1.8, conditions: int = 12
 ) -> None:
-    """Drive and write all runs of a case; the folder appears in full or not at all."""
+    """Drive and write all runs of a case; the folder appears in full or not at all.
+
+    Raises:
+      SimulationError: A run failed.
+      InputError: The folder cannot be written.
+    """
     nominal = read_rig()
     truth = true_machine(case)
     runs = [

@@ -22,7 +22,12 @@ _KEY, _TAG = 32, 32  # bytes
 
 
 def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
-    """Write `labels.sealed` and `labels.key`, which only its owner can read."""
+    """Write `labels.sealed` and `labels.key`, which only its owner can read.
+
+    Raises:
+      InputError: The folder has a seal already.
+      OutputError: The folder cannot be written.
+    """
     sealed, key_file = _files(folder)
     key = secrets.token_bytes(_KEY)
     text = _text(labels)
@@ -47,7 +52,11 @@ def is_sealed(folder: Path) -> bool:
 
 
 def seals_labels(folder: Path, labels: Sequence[dict[str, Any]]) -> bool:
-    """Return whether these labels are the sealed ones, without opening the seal."""
+    """Return whether these labels are the sealed ones, without opening the seal.
+
+    Raises:
+      InputError: A file is missing.
+    """
     sealed, key_file = _files(folder)
     key, content = _read(key_file), _read(sealed)
     return hmac.compare_digest(content[:_TAG], _tag(key, _text(labels)))

@@ -80,7 +80,13 @@ class BenchmarkResult:
 def run_benchmark(
     config: BenchmarkConfig, report: Progress, executor: Executor | None = None
 ) -> BenchmarkResult:
-    """Make missing datasets, search those without a result, and score all results; see `run_study`."""
+    """Make missing datasets, search those without a result, and score all results; see `run_study`.
+
+    Raises:
+      InputError: The folder holds something else or another benchmark, or cannot be written.
+      UnknownNameError: The maker or the plant does not exist.
+      SimulationError: A worker died; finished results are kept.
+    """
     return run_study(_Benchmark(config), report, executor)
 
 

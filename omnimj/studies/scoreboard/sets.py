@@ -102,7 +102,12 @@ class KnownSet:
 
 
 def known_sets() -> tuple[KnownSet, ...]:
-    """Read the known public sets."""
+    """Read the known public sets.
+
+    Raises:
+      InputError: A value is missing or wrong.
+      UnknownNameError: An unknown key.
+    """
     path = models_folder() / KNOWN_SETS
     return tuple(_known_set(path, name, entry) for name, entry in read_toml(path).items())
 

@@ -140,7 +140,11 @@ def generation_size(axes: int) -> int:
 
 
 def require_cma() -> Any:
-    """Import the library `cma`."""
+    """Import the library `cma`.
+
+    Raises:
+      MissingLibrary: It is not installed.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about its own plots, which need another library

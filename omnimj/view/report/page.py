@@ -146,6 +146,9 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
       template: Name of the template without its ending.
       title: Title of the page.
       **content: Texts, tables and figures for the template.
+
+    Raises:
+      OutputError: The file cannot be written.
     """
     page = _TEMPLATES.get_template(f"{template}.html.j2")
     figures = [figure for figure in _figures(content) if figure.name]

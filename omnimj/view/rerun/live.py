@@ -224,7 +224,11 @@ class LiveDrive(_LiveView):
         self._run.add(trace, moved)
 
     def finish(self) -> None:
-        """Send the queued batches and detach from the viewer."""
+        """Send the queued batches and detach from the viewer.
+
+        Raises:
+          ViewerError: The viewer failed.
+        """
         with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_ENDING)
             self._thread.join(_ENDING)

@@ -85,7 +85,11 @@ class Viewer:
         return True
 
     def settle(self) -> None:
-        """Wait until a viewer without a window would have ended, then detach; raise an error if it failed."""
+        """Wait until a viewer without a window would have ended, then detach; raise an error if it failed.
+
+        Raises:
+          ViewerError: The viewer ended with an error; closing its window is not an error.
+        """
         while self.is_open and time.monotonic() < self._born + _WINDOW_TIMEOUT:
             time.sleep(_POLL_INTERVAL)
         try:
@@ -98,7 +102,11 @@ class Viewer:
         self._error_output.close()
 
     def check(self) -> None:
-        """Raise an error with the output of the viewer if it failed."""
+        """Raise an error with the output of the viewer if it failed.
+
+        Raises:
+          ViewerError: The viewer ended with an error.
+        """
         if self._process.poll() in (None, 0):
             return
         self._error_output.seek(0)

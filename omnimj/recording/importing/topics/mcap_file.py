@@ -120,7 +120,11 @@ class _Reader:
             (self._stated,) = _LENGTH.unpack_from(body)
 
     def require_all_messages(self) -> None:
-        """Refuse a file that has lost messages, as one with a damaged chunk that is no longer seen as one."""
+        """Refuse a file that has lost messages, as one with a damaged chunk that is no longer seen as one.
+
+        Raises:
+          InputError: It has other messages than its statistics count.
+        """
         if self._stated is not None and self._stated != self._count:
             found = f"has {self._count} messages, its statistics count {self._stated}"
             raise InputError(self._path, found, _RECOVER)
