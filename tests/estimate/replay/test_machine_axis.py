@@ -124,6 +124,14 @@ def test_a_rigid_axis_has_no_spring_between_its_motor_and_its_carriage(period, m
     assert after.x[-1] < 2e-8 and after.loss > 0.99 * base.loss
 
 
+@pytest.mark.parametrize("angle", [2e-4, 4e-4])
+def test_the_play_of_an_axis_is_found_in_its_size(angle, measured):
+    base, after = fitted(replay_of(logs("backlash", (("angle", angle),))), "backlash (carriage)")
+    measured("play of an axis, relative error [1]", abs(after.x[-1] / angle - 1.0), 0.02)
+    assert after.loss < 0.1 * base.loss
+    assert after.x[-1] == pytest.approx(angle, rel=0.02)
+
+
 def test_a_current_is_the_command_of_the_actuator():
     current = replay_of(logs(current=True))
     assert [c.name for c in current.channels][:2] == ["control:drive", "position:carriage"]
