@@ -31,13 +31,14 @@ def same_filter(width: int) -> Array:
 
 def filtered(values: Array, width: int) -> Array:
     """Values under the filter of the acceleration, shape (n,); local cubics at the ends."""
-    return _inside(savgol_filter(values, width, 3), values, same_filter(width))
+    return _inside(np.asarray(savgol_filter(values, width, 3)), values, same_filter(width))
 
 
 def filtered_speed(position: Array, width: int, period: float) -> Array:
     """Speed under the filter of the acceleration, shape (n,); local cubics at the ends."""
     weights = np.convolve(_kernel(width), np.array([-0.5, 0.0, 0.5]) / period)
-    return _inside(savgol_filter(position, width, 3, deriv=1, delta=period), position, weights)
+    ends = np.asarray(savgol_filter(position, width, 3, deriv=1, delta=period))
+    return _inside(ends, position, weights)
 
 
 def _kernel(width: int) -> Array:
