@@ -197,11 +197,7 @@ class Trace(Displayed):
         Raises:
           MissingLibrary: polars is not installed.
         """
-        try:
-            import polars
-        except ModuleNotFoundError:
-            raise MissingLibrary("to_polars", "polars", "polars") from None
-        return polars.from_arrow(self.to_arrow())
+        return to_polars(self.to_arrow())
 
 
 def true_stretches(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -226,6 +222,19 @@ def to_frame(columns: Mapping[str, Any]) -> Any:
         raise MissingLibrary("to_pandas", "pandas", "pandas") from None
     frame = pandas.DataFrame(dict(columns))
     return frame.set_index("time") if "time" in frame else frame
+
+
+def to_polars(table: Any) -> Any:
+    """A `polars.DataFrame` of a `pyarrow.Table`.
+
+    Raises:
+      MissingLibrary: polars is not installed.
+    """
+    try:
+        import polars
+    except ModuleNotFoundError:
+        raise MissingLibrary("to_polars", "polars", "polars") from None
+    return polars.from_arrow(table)
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ PASSING_SLIP = (Fault("slip", 4.0, 6.0, 1, {"grip": 0.1}),)
 """Slip fault that ends within the mission, so that a repeated mission begins without a fault."""
 SLIP_AND_WEAK_MOTOR = (*PASSING_SLIP, Fault("motor", 8.0, None, 2, {"loss": 0.57}))
 HOUR = 3600.0
-WARM_UP_MISSIONS = 5
+WARM_UP_MISSIONS = 10
 """Missions driven before memory is measured, to fill caches and windows."""
 _PAGES = Path("/proc/self/smaps_rollup")  # exact, unlike /proc/self/statm
 _KB = 1024.0
@@ -169,7 +169,8 @@ def memory_growth(
       mission: Mission that begins and ends without a fault.
       passes: Number of replays, after `WARM_UP_MISSIONS` uncounted ones.
       longest: Wall time [s] after which no further replay begins.
-      memory: Function that returns memory use [kB]; None counts the allocations of Python and numpy.
+      memory: Function that returns memory use [kB]; None counts the allocations of Python and numpy, and
+        those that numba has freed itself until another one takes their place: warming up fills most of them.
     """
     measure = _allocated_memory if memory is None else memory
     if memory is None:

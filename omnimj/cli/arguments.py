@@ -29,17 +29,13 @@ class Command:
     """Text below the options in the help: examples, then notes."""
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[Any], int]
-    """Function of the parsed arguments that does the work and returns the exit code."""
+    """Function of the parsed arguments that does the work and returns the exit code: 0; 130 after Ctrl-C,
+    with all that was finished kept; 1 as its docstring says. `main` turns errors into one line and a code."""
     resumes: bool = False
     """True if the command continues what it has left in `--out` when it is given again."""
 
     def add_to(self, commands: Any, key: str = "run") -> None:
-        """Add the command to a parser's sub-commands.
-
-        Args:
-          commands: Result of `ArgumentParser.add_subparsers`.
-          key: Attribute of the parsed arguments that holds `run`.
-        """
+        """Add the command to sub-commands of a parser; attribute `key` of its arguments holds `run`."""
         parser = commands.add_parser(
             self.name,
             help=self.help,
@@ -96,11 +92,7 @@ def add_thresholds(parser: argparse.ArgumentParser) -> None:
 
 
 def read_thresholds(file: Path | None, method: str) -> Any:
-    """Read the file given by `--thresholds`; return None without the option.
-
-    Raises:
-      InputError: The file is invalid or for another method.
-    """
+    """Read the file given by `--thresholds`; return None without the option."""
     if file is None:
         return None
     from omnimj.control.detection.robust.thresholds import read_thresholds
@@ -125,11 +117,7 @@ def add_gains(parser: argparse.ArgumentParser) -> None:
 
 
 def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | None:
-    """Read the gains in a file, completed by the model's; return None without a file.
-
-    Raises:
-      InputError, UnknownNameError: As in `control.gains.read_gains` and `read_robot`.
-    """
+    """Read the gains in a file, completed by the model's; return None without a file."""
     if file is None:
         return None
     from omnimj.control.gains import read_gains
@@ -145,11 +133,7 @@ def add_observer_gains(parser: argparse.ArgumentParser) -> None:
 
 
 def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
-    """Read the observer's gains in a file; return None without a file.
-
-    Raises:
-      InputError: The file is for another method, or as in `control.gains.read_gains`.
-    """
+    """Read the observer's gains in a file; return None without a file."""
     if file is None:
         return None
     if method != "robust":
@@ -204,7 +188,10 @@ def positive_number(most: float) -> Callable[[str], float]:
 
 
 def add_seed(parser: argparse.ArgumentParser, words: str, most: int = 2**63 - 1, default: int = 0) -> None:
-    """Add `--seed N`, from 0 to `most`; `words` describes what is drawn from it."""
+    """Add `--seed N`, from 0 to `most`; `words` describes what is drawn from it.
+
+    Seeds are stored in files whose readers have 64-bit integers.
+    """
     parser.add_argument(
         "--seed",
         metavar="N",
@@ -239,6 +226,17 @@ def add_results(
         words += f"; another {replaced} there is replaced"
     parser.add_argument("--force", action="store_true", help=words)
     parser.add_argument("--json", action="store_true", help=f"print {json_file} instead of tables")
+
+
+def has_out(arguments: Any, kind: str = "DIR") -> bool:
+    """Return whether the optional `--out` is given.
+
+    Raises:
+      InputError: `--force` is given without it.
+    """
+    if arguments.force and arguments.out is None:
+        raise InputError("--force", "there is no --out", f"it belongs to --out {kind}")
+    return arguments.out is not None
 
 
 def require_writable(file: Path, force: bool, option: str = "--out") -> None:
@@ -293,12 +291,7 @@ def add_reset_fault(parser: argparse.ArgumentParser) -> None:
 
 
 def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
-    """Read the options of the link; return None for a plant without one.
-
-    Raises:
-      InputError: A link option was given for a plant without a link, or the address has the wrong form.
-      MissingLibrary: The library of serial ports is not installed.
-    """
+    """Read the options of the link; return None for a plant without one."""
     names = ("key_file", "lock_step", "real_time", "readonly", "dry_run", "reset_fault")
     given = [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name)]
     from omnimj.simulate.plants import LinkOptions, is_link_address

@@ -118,11 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Measure every part; speed is reported, not judged.
-
-    Returns:
-      0 always.
-    """
+    """Measure every part; speed is reported, not judged."""
     if arguments.wheels:
         return _run_wheels(arguments)
     from omnimj.bench.control import measure_control

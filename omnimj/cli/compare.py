@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import Command, command_line, require_writable
+from omnimj.cli.arguments import Command, command_line, has_out, require_writable
 from omnimj.cli.terminal import format_json, format_table
 from omnimj.errors import InputError
 
@@ -26,20 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Compare runs, or list those of a folder.
-
-    Returns:
-      0.
-
-    Raises:
-      InputError: A run is missing or damaged, or there are too many.
-      OutputError: The page cannot be written.
-    """
+    """Compare runs, or list those of a folder."""
     from omnimj.recording.run_folder import is_run_folder
 
-    if arguments.force and arguments.out is None:
-        raise InputError("--force", "there is no --out", "it belongs to --out FILE")
-    if arguments.out is not None:
+    if has_out(arguments, "FILE"):
         require_writable(arguments.out, arguments.force)
     if len(arguments.runs) == 1 and not is_run_folder(arguments.runs[0]):
         return _list_runs(arguments)
@@ -67,24 +58,16 @@ def _compare(arguments: Any) -> int:
         print(_format(comparison), flush=True)
     if arguments.out is not None:
         runs = {name: (one.metrics, traces[name]) for name, one in found.items()}
-        with _page(arguments.out) as temporary:
-            write_comparison(temporary, runs, command_line(arguments))
-        _note_written(arguments)
+        _write(arguments, lambda page: write_comparison(page, runs, command_line(arguments)))
     return 0
 
 
-def _page(out: Path) -> Any:
-    from omnimj.errors import write_failure
-    from omnimj.recording.folder import atomic_file
+def _write(arguments: Any, write_page: Callable[[Path], None]) -> None:
+    from omnimj.recording.folder import atomic_file, make_parents
 
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise write_failure(f"--out {out}", error) from None
-    return atomic_file(out)
-
-
-def _note_written(arguments: Any) -> None:
+    make_parents(arguments.out, f"--out {arguments.out}")
+    with atomic_file(arguments.out) as temporary:
+        write_page(temporary)
     if not arguments.json:
         print(f"written to {arguments.out}")
 
@@ -124,9 +107,7 @@ def _list_runs(arguments: Any) -> int:
         rows = [(name, *index_texts(one.metrics)) for name, one in zip(names, runs, strict=True)]
         print(format_table(("run", *INDEX_HEAD), rows), flush=True)
     if arguments.out is not None:
-        with _page(arguments.out) as temporary:
-            write_index(temporary, folder, runs)
-        _note_written(arguments)
+        _write(arguments, lambda page: write_index(page, folder, runs))
     return 0
 
 

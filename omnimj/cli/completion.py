@@ -39,12 +39,7 @@ def run(arguments: Any) -> int:
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """Make the completion script for a shell.
-
-    Args:
-      parser: A new parser of `omnimj`; it is annotated with completions and can no longer parse.
-      shell: One of `SHELLS`.
-    """
+    """Make the completion script for a shell; the parser is annotated for it and can no longer parse."""
     import shtab
 
     for command, action in _actions(parser):

@@ -60,14 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Serve until Ctrl-C or SIGTERM.
-
-    Returns:
-      130 always, since only a signal ends the emulation.
-
-    Raises:
-      InputError: A name is unknown, or the connection cannot be opened.
-    """
+    """Serve until Ctrl-C or SIGTERM, which alone end the emulation with exit code 130."""
     from omnimj.link.codec.key import read_key
     from omnimj.link.device.server import DeviceServer
     from omnimj.simulate.plants import make_plant
@@ -130,11 +123,7 @@ def _defect(text: str) -> WiringDefect:
 
 
 def _monitor(arguments: Any, key: Key | None) -> Peer:
-    """Address of the monitor; None without one.
-
-    Raises:
-      InputError: The device is on a serial line, or the address is wrong or beyond loopback without a key.
-    """
+    """Address of the monitor; None without one."""
     from omnimj.link.transport.address import SerialAddress, parse_address
     from omnimj.link.transport.udp import resolve
 

@@ -71,30 +71,16 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_diagnose(arguments: Any) -> int:
-    """Diagnose each recorded run and write its trace as soon as it is finished; or do so for each dataset.
-
-    Returns:
-      0 regardless of the diagnoses; 1 if one of several datasets failed; 130 after Ctrl-C, with all finished
-      runs kept.
-
-    Raises:
-      InputError: The data are invalid or unsuitable for the method, or the folder cannot be written.
-      DataFaultError: Time, a unit or a sign is wrong in all of the data, and `--accept` is not given.
-    """
+    """Diagnose each recorded run and write its trace, or do so for each dataset; 1 if one of these failed."""
     from omnimj.cli.fleet import is_fleet, run_fleet
 
     if wants_floor_labels(arguments):
         return run_floor_labels(arguments)
     if is_fleet(arguments.dataset):
         return run_fleet(arguments, diagnose_in_fleet, _FLEET_HEAD, _fleet_row)
-    done = _diagnose_dataset(arguments)
-    if done is None:
-        raise KeyboardInterrupt
-    order, found, interrupted, content = done
-    if arguments.json:
-        print(format_json(content))
-    else:
-        print(_format_diagnosis(order, found, interrupted, arguments.out))
+    order, found, interrupted, content = _diagnose_dataset(arguments)
+    text = _format_diagnosis(order, found, interrupted, arguments.out)
+    print(format_json(content) if arguments.json else text)
     return exit_code(interrupted)
 
 
@@ -103,10 +89,7 @@ _FLEET_HEAD = ("dataset", "runs", "seconds", "diagnoses")
 
 def diagnose_in_fleet(arguments: Any) -> dict[str, Any]:
     """Diagnose one dataset of several, write its files and return a summary."""
-    done = _diagnose_dataset(arguments)
-    if done is None:
-        raise KeyboardInterrupt
-    _, found, _, _ = done
+    _, found, _, _ = _diagnose_dataset(arguments)
     diagnoses = [{"run": one.name, **dataclasses.asdict(d)} for one in found for d in one.diagnoses]
     seconds, blind = sum(one.judged for one in found), sum(one.cannot_judge for one in found)
     return {"runs": len(found), "seconds": seconds, "cannot_judge": blind, "diagnoses": diagnoses}
@@ -120,12 +103,11 @@ def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _diagnose_dataset(
     arguments: Any,
-) -> tuple[DiagnosisConfig, list[RunDiagnosis], bool, dict[str, Any]] | None:
+) -> tuple[DiagnosisConfig, list[RunDiagnosis], bool, dict[str, Any]]:
     """Diagnose a dataset and write all files.
 
     Returns:
-      Configuration, diagnoses without traces, whether Ctrl-C ended it, and the content of `diagnoses.json`;
-      None if no run was finished.
+      Configuration, diagnoses without traces, whether Ctrl-C ended it, and the content of `diagnoses.json`.
     """
     from omnimj.diagnosis.files import diagnoses_json
     from omnimj.diagnosis.replay import check_config, require_other_folder
@@ -143,7 +125,7 @@ def _diagnose_dataset(
     announce_compilation(order.method, order.dataset.plant, "method", quiet=arguments.quiet)
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
-        return None
+        raise KeyboardInterrupt
     note_compiled(order.method, order.dataset.plant)
     command = command_line(arguments)
     content = diagnoses_json(order, found, command, interrupted) | {"data_faults": fault_records(check)}
@@ -217,23 +199,13 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
 def _format_diagnosis(
     order: DiagnosisConfig, found: Sequence[RunDiagnosis], interrupted: bool, out: Path
 ) -> str:
-    from omnimj.view.diagnosis_words import (
-        describe_confidence,
-        describe_diagnosis,
-        describe_evidence,
-        describe_time,
-        describe_undiagnosed,
-        describe_unjudged,
-        summarize_runs,
-    )
+    from omnimj.view.diagnosis_words import describe, describe_undiagnosed, describe_unjudged, summarize_runs
 
     rows = []
     for one in found:
         if not one.diagnoses:
             rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", "", ""))
-        for d in one.diagnoses:
-            described = describe_diagnosis(d), describe_time(d), describe_confidence(d), describe_evidence(d)
-            rows.append((one.name, *described))
+        rows += [(one.name, *describe(d)) for d in one.diagnoses]
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
     lines += [format_table(("run", "what", "when", "confidence", "decided by"), rows), ""]
     seconds = sum(one.judged for one in found)
@@ -274,15 +246,7 @@ def _rate(text: str) -> float:
 
 
 def run_calibrate(arguments: Any) -> int:
-    """Calibrate the thresholds on the recordings, then diagnose these once more with the result.
-
-    Returns:
-      0; 1 if a threshold rose far beyond the shipped one: the file is then written with `--accept` only.
-
-    Raises:
-      InputError: The data are invalid or not from a robot, or the file cannot be written.
-      DataFaultError: The data have certain faults, and `--accept` is not given.
-    """
+    """Calibrate the thresholds on fault-free recordings; 1 if one is so high that it needs `--accept`."""
     require_writable(arguments.out, arguments.force)
     order = _calibration_config(arguments)
     from omnimj.diagnosis.calibration import calibrate

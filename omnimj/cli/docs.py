@@ -23,11 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Run `omnimj docs build` or `omnimj docs serve`.
-
-    Raises:
-      InputError: The programs that build the site are not installed.
-    """
+    """Run `omnimj docs build` or `omnimj docs serve`."""
     from omnimj.documentation.site import require_generator
 
     require_generator()

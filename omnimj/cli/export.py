@@ -23,25 +23,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Read a run and write it in another format.
-
-    Raises:
-      InputError: The run is wrong, the file exists, or a library is missing.
-      OutputError: The file cannot be written.
-    """
-    from omnimj.errors import write_failure
+    """Read a run and write it in another format."""
     from omnimj.recording.exporting.csv_file import write_csv
     from omnimj.recording.exporting.mat_file import write_mat
     from omnimj.recording.exporting.mcap_file import write_mcap
     from omnimj.recording.exporting.source import read_run
+    from omnimj.recording.folder import make_parents
 
     found = read_run(arguments.run_path)
     out = arguments.out or found.file.with_suffix(f".{arguments.format}")
     require_writable(out, arguments.force)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise write_failure(f"--out {out}", error) from None
+    make_parents(out, f"--out {out}")
     write = {"mcap": write_mcap, "csv": write_csv, "mat": write_mat}[arguments.format]
     write(out, found)
     rows = len(found.columns["time"])

@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.cli.arguments import command_line, exit_code
-from omnimj.cli.progress import progress_bar
+from omnimj.cli.progress import run_on_executor
 from omnimj.cli.terminal import format_study, print_study
 from omnimj.errors import InputError
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.json_files import write_json
-from omnimj.studies.executors import open_executor
 from omnimj.studies.runner import StudyFolder, TrialFolder, run_study
 from omnimj.studies.statistics import Table
 from omnimj.studies.workers import Progress, WorkerPool
@@ -84,27 +83,12 @@ def run_fleet(
     head: tuple[str, ...],
     row: Callable[[str, Mapping[str, Any]], tuple[str, ...]],
 ) -> int:
-    """Run a command on every dataset of a folder.
-
-    Args:
-      arguments: Parsed arguments of the command; `dataset` is the folder of datasets.
-      work_on: Function of a module, since workers import it by name.
-      head: Column headings of the printed table.
-      row: Row of the table from the name of a dataset and its summary.
-
-    Returns:
-      0; 1 if a dataset failed; 130 after Ctrl-C, with all finished datasets kept.
-
-    Raises:
-      InputError: `--out` holds something else, or the executor cannot be opened.
-      SimulationError: A worker died; finished datasets are kept.
-    """
+    """Run a command on every dataset of a folder; 1 if one failed."""
     home, there = arguments.dataset.resolve(), arguments.out.resolve()
     if there == home or home in there.parents:
         rule = "choose another one, datasets are not changed"
         raise InputError(f"--out {arguments.out}", "lies in the folder of the datasets", rule)
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        content = run_study(_Fleet(arguments, work_on), bar.show_share, executor)
+    content = run_on_executor(arguments, run_study, _Fleet(arguments, work_on))
     found, failed = content["datasets"], content["failed"]
     table = Table("", head, tuple(row(name, summary) for name, summary in found.items()))
     notes = [f"failed: {name}: {error}" for name, error in failed.items()]

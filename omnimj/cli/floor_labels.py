@@ -53,11 +53,7 @@ def _edge_line(text: str) -> tuple[float, float] | str:
 
 
 def wants_floor_labels(arguments: Any) -> bool:
-    """Whether `--floor-labels` is given, with all that it needs and nothing else.
-
-    Raises:
-      InputError: An option is missing, or does not go together with another.
-    """
+    """Whether `--floor-labels` is given, with all that it needs and nothing else."""
     if arguments.floor_labels is None:
         for name in ("calibrate_on", "edge_line"):
             if getattr(arguments, name) is not None:
@@ -76,11 +72,7 @@ def wants_floor_labels(arguments: Any) -> bool:
 
 
 def run_floor_labels(arguments: Any) -> int:
-    """Label the floor under each wheel in all runs of a dataset, and write the results.
-
-    Raises:
-      InputError: The data or an option break a rule.
-    """
+    """Label the floor under each wheel in all runs of a dataset, and write the results."""
     from omnimj.diagnosis.floor_labels.files import REPORT_FILE, write_labels
     from omnimj.recording.folder import check_folder
     from omnimj.view.report.floor_labels import write_floor_report
@@ -90,10 +82,7 @@ def run_floor_labels(arguments: Any) -> int:
     command = command_line(arguments)
     content = write_labels(arguments.out, arguments.force, found, command)
     write_floor_report(arguments.out / REPORT_FILE, found, command)
-    if arguments.json:
-        print(format_json(content))
-    else:
-        print(_format(found, arguments.out))
+    print(format_json(content) if arguments.json else _format(found, arguments.out))
     return 0
 
 

@@ -19,7 +19,7 @@ from omnimj.cli.arguments import (
     parse_names,
     whole_number,
 )
-from omnimj.cli.progress import progress_bar
+from omnimj.cli.progress import progress_bar, run_on_executor
 from omnimj.cli.scoreboard import add_scoreboard_arguments, run_scoreboard_command
 from omnimj.cli.terminal import (
     format_data_faults,
@@ -73,16 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Search for the gap between model and measurement and write the result.
-
-    Returns:
-      0 regardless of the verdict; 130 after Ctrl-C, with everything found so far written.
-
-    Raises:
-      InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
-      DataFaultError: The data have certain faults, and `--accept` is not given.
-      SimulationError: The search failed; everything found so far is written.
-    """
+    """Search for the gap between model and measurement and write the result."""
     from omnimj.recording.folder import check_folder
 
     if arguments.scoreboard and not arguments.benchmark:
@@ -134,13 +125,7 @@ def _search(arguments: Any, dataset: Path) -> Finding:
 def new_texts(
     finding: Finding, model: Path | None, floors_file: Path | None
 ) -> tuple[dict[str, str], InputError | None]:
-    """Return the texts of new model and floors, or an error to raise once the other files are written.
-
-    Args:
-      finding: Result of the search.
-      model: Model file from which it began; None for the shipped one or that of the dataset.
-      floors_file: Floors beside the shipped ones.
-    """
+    """Return the texts of new model and floors, or an error to raise once the other files are written."""
     from omnimj.estimate.gap.files import new_floors_text, new_model_files
     from omnimj.parameters.floor import all_floors
 
@@ -152,13 +137,18 @@ def new_texts(
     return texts if floors is None else {**texts, FLOORS: floors}, None
 
 
-def _write_and_print(arguments: Any, finding: Finding) -> int:
-    """Print and write the finding, also that of an interrupted search: a full disk must not cost it."""
+def gap_content(finding: Finding, texts: Mapping[str, str], command: str) -> dict[str, Any]:
+    """Return the content of `gap.json`, which names the files of the new model and floors."""
     from omnimj.estimate.gap.files import digest
 
-    texts, refused = new_texts(finding, arguments.model, arguments.floors)
     model = next((name for name in (MJCF_MODEL, MODEL) if name in texts), None)
-    content = digest(finding, model, FLOORS if FLOORS in texts else None, command_line(arguments))
+    return digest(finding, model, FLOORS if FLOORS in texts else None, command)
+
+
+def _write_and_print(arguments: Any, finding: Finding) -> int:
+    """Print and write the finding, also that of an interrupted search: a full disk must not cost it."""
+    texts, refused = new_texts(finding, arguments.model, arguments.floors)
+    content = gap_content(finding, texts, command_line(arguments))
     failed = finding.failure and finding.failure != _BY_CTRL_C
     if refused is None and not failed:
         print(format_json(content) if arguments.json else format_finding(finding), flush=True)
@@ -180,20 +170,7 @@ def write_outputs(
     content: Mapping[str, Any],
     texts: Mapping[str, str],
 ) -> None:
-    """Write model, floors, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all.
-
-    Args:
-      folder: Output folder; created if needed.
-      force: Whether the files of an earlier search may be replaced.
-      finding: Result of the search.
-      machine_file: Model file that the search began with; None for the shipped one.
-      content: Content of `gap.json`.
-      texts: Contents of the new model and of `FLOORS`, where something was added or refitted.
-
-    Raises:
-      InputError: The folder is not empty and `force` is false.
-      OutputError: A file cannot be written.
-    """
+    """Write model, floors, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all."""
     from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json, write_text
     from omnimj.view.report.gap import write_gap_report
@@ -227,7 +204,7 @@ def format_finding(finding: Finding) -> str:
         *(note for note in finding.data_notes if note.startswith(INCOMPLETE)),
         format_data_faults(finding.data_faults),
         f"{sentences.headline(finding)}\n{sentences.summarize_finding(finding)}",
-        _format_reason(finding),
+        sentences.as_sentence(finding.reason),
         _format_where(finding),
         _format_effects(finding),
         _format_gaps(finding),
@@ -235,12 +212,6 @@ def format_finding(finding: Finding) -> str:
         "\n".join(note for note in finding.data_notes if note.startswith((EXCITED, NOT_SOUGHT))),
     ]
     return "\n\n".join(part for part in parts if part)
-
-
-def _format_reason(finding: Finding) -> str:
-    from omnimj.estimate.gap.sentences import as_sentence
-
-    return as_sentence(finding.reason)
 
 
 def _format_where(finding: Finding) -> str:
@@ -340,16 +311,7 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_gap_benchmark(arguments: Any) -> int:
-    """Run the benchmark of the search.
-
-    Returns:
-      0 regardless of the scores; 1 if a search failed; 130 after Ctrl-C, with all finished cases kept.
-
-    Raises:
-      InputError: An option is not one of the benchmark, the folder holds other files, or the executor cannot
-        be opened.
-      UnknownNameError: The maker or plant does not exist.
-    """
+    """Run the benchmark of the search; 1 if a search failed."""
     given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
     given |= {"--data": arguments.data, "--scoreboard": arguments.scoreboard}
     for name, value in given.items():
@@ -357,9 +319,8 @@ def run_gap_benchmark(arguments: Any) -> int:
             raise InputError(
                 "--benchmark", f"found {name}", "the benchmark makes its own data for the shipped model"
             )
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.gap_benchmark.study import NUMBERS, BenchmarkConfig, run_benchmark
-    from omnimj.view.report.evaluation import write_benchmark_report
+    from omnimj.view.report.evaluation import write_tables_report
 
     order = BenchmarkConfig(
         arguments.out,
@@ -370,9 +331,9 @@ def run_gap_benchmark(arguments: Any) -> int:
         arguments.workers,
         arguments.plant,
     )
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_benchmark(order, bar.show_share, executor)
-    write_benchmark_report(arguments.out / REPORT, outcome.lines, outcome.tables)
+    outcome = run_on_executor(arguments, run_benchmark, order)
+    heading = "Blind benchmark of the gap workflow"
+    write_tables_report(arguments.out / REPORT, heading, outcome.lines, outcome.tables, NUMBERS)
     print_study(arguments.out, NUMBERS, lambda: _format_benchmark(outcome, arguments.out), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
 

@@ -17,7 +17,7 @@ from omnimj.cli.arguments import (
     command_line,
     exit_code,
 )
-from omnimj.cli.identify_robot import identify_robot_dataset, print_robot, robot_summary
+from omnimj.cli.identify_robot import format_robot, identify_robot_dataset
 from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import (
     announce_compilation,
@@ -56,27 +56,15 @@ def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_identify(arguments: Any) -> int:
-    """Identify every floor of a rig, or a robot, and write the results; or do so for each dataset of a
-    folder.
-
-    Returns:
-      0; 1 if a dataset of several failed; 130 after Ctrl-C, with all finished floors kept.
-
-    Raises:
-      InputError: The data are invalid or contain no motion, or the folder cannot be written.
-      DataFaultError: The data have certain faults, and `--accept` is not given.
-    """
+    """Identify the floors of a rig, or a robot, or those of each dataset of a folder; 1 if one failed."""
     from omnimj.cli.fleet import is_fleet, run_fleet
     from omnimj.estimate.identification.records import Identification
 
     if is_fleet(arguments.dataset):
         return run_fleet(arguments, identify_in_fleet, _FLEET_HEAD, _fleet_row)
-    done = _identify_dataset(arguments)
-    if done is None:
-        raise KeyboardInterrupt
-    found, content = done
+    found, content = _identify_dataset(arguments)
     if not isinstance(found, Identification):
-        print_robot(arguments, found, content)
+        print(format_json(content) if arguments.json else format_robot(found, arguments.out))
         return 0
     print(format_json(content) if arguments.json else _format_identification(found, arguments.out))
     return exit_code(found.interrupted)
@@ -89,14 +77,10 @@ def identify_in_fleet(arguments: Any) -> dict[str, Any]:
     """Identify the floors of one dataset of several, write its files and return a summary."""
     from omnimj.estimate.identification.records import Identification
 
-    done = _identify_dataset(arguments)
-    if done is None:
-        raise KeyboardInterrupt
-    found, _ = done
+    found, _ = _identify_dataset(arguments)
     if not isinstance(found, Identification):
-        return {"floors": {floor.floor: floor.chosen.numbers for floor in found.floors}} | robot_summary(
-            found
-        )
+        floors = {floor.floor: floor.chosen.numbers for floor in found.floors}
+        return {"floors": floors, "robot": {one.name: one.value for one in found.estimates}}
     return {"floors": {floor.floor: {e.name: e.value for e in floor.estimates} for floor in found.floors}}
 
 
@@ -106,10 +90,8 @@ def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
     return name, ", ".join(floors), *values
 
 
-def _identify_dataset(
-    arguments: Any,
-) -> tuple[Identification | RobotIdentification, dict[str, Any]] | None:
-    """Identify every floor or the robot of a dataset and write all files; None if nothing was finished."""
+def _identify_dataset(arguments: Any) -> tuple[Identification | RobotIdentification, dict[str, Any]]:
+    """Identify every floor or the robot of a dataset, and write all files."""
     from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
     from omnimj.estimate.identification.files import identification_content
     from omnimj.estimate.identification.identify import identify, require_rig
@@ -127,7 +109,7 @@ def _identify_dataset(
     with progress_bar(arguments) as bar:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
-        return None
+        raise KeyboardInterrupt
     content = identification_content(found, command_line(arguments))
     content["data_faults"] = fault_records(check)
     _write_identification(arguments, found, content)
@@ -199,16 +181,7 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_validate(arguments: Any) -> int:
-    """Simulate every measured run again and write the comparison.
-
-    Returns:
-      0; 130 after Ctrl-C, with all finished runs kept.
-
-    Raises:
-      InputError: The data or the model are invalid, or the folder cannot be written.
-      DataFaultError: The data have certain faults, and `--accept` is not given.
-      SimulationError: A simulation failed.
-    """
+    """Simulate every measured run again and write the comparison."""
     from omnimj.recording.folder import check_folder
 
     if arguments.plant not in CHOICES:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import command_line
 from omnimj.cli.progress import progress_bar
-from omnimj.cli.terminal import format_json, format_table, format_value
+from omnimj.cli.terminal import format_table, format_value
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.estimate.robot.records import RobotEstimate, RobotIdentification
+    from omnimj.estimate.robot.records import RobotIdentification
     from omnimj.recording.dataset import Dataset
 
 DEFAULT_RATE = 1.0
@@ -20,19 +19,7 @@ DEFAULT_RATE = 1.0
 
 
 def identify_robot_dataset(arguments: Any, dataset: Dataset) -> tuple[RobotIdentification, dict[str, Any]]:
-    """Identify the robot of a dataset and write all files.
-
-    Args:
-      arguments: Of `omnimj identify`.
-      dataset: Healthy runs of a robot.
-
-    Returns:
-      The identified robot and the content of `identification.json`.
-
-    Raises:
-      InputError: The data are invalid, do not fit the robot or contain too little motion.
-      DataFaultError: The data have certain faults, and `--accept` is not given.
-    """
+    """Identify the robot of a dataset, write all files; return it with the content of the JSON file."""
     from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
     from omnimj.estimate.robot.files import identification_content
     from omnimj.estimate.robot.identify import identify_robot, require_robot
@@ -99,24 +86,15 @@ def format_robot(found: RobotIdentification, out: Path) -> str:
     from omnimj.estimate.robot.files import creep_lines, excitation_lines, summary
 
     rows = [
-        (one.words, format_value(one.value, one.unit.lstrip("1")), _interval(one), one.source)
+        (
+            one.words,
+            format_value(one.value, one.unit.lstrip("1")),
+            f"{one.low:.4g} … {one.high:.4g}",
+            one.source,
+        )
         for one in found.estimates
         if not one.name.startswith("loss_")
-    ]  # fmt: skip
+    ]
     lines = [*summary(found), "", format_table(("", "value", "90 % interval", "determined by"), rows), ""]
     lines += ["not excited by the drive:", *excitation_lines(found), "", "creep:", *creep_lines(found), ""]
     return "\n".join([*lines, f"written to {out}"])
-
-
-def _interval(one: RobotEstimate) -> str:
-    return f"{one.low:.4g} … {one.high:.4g}"
-
-
-def print_robot(arguments: Any, found: RobotIdentification, content: dict[str, Any]) -> None:
-    """Print the result as a table, or as JSON with `--json`."""
-    print(format_json(content) if arguments.json else format_robot(found, arguments.out))
-
-
-def robot_summary(found: RobotIdentification) -> dict[str, Any]:
-    """Summary of one dataset of several."""
-    return {"robot": {one.name: dataclasses.asdict(one)["value"] for one in found.estimates}}

@@ -42,14 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Preview logs, propose a mapping, or write the dataset.
-
-    Returns:
-      0; 1 if `--out` was given and the proposed mapping is not complete.
-
-    Raises:
-      InputError: A file or the mapping is wrong, or a folder cannot be written.
-    """
+    """Preview logs, propose a mapping, or write the dataset; 1 if the mapping is not complete for that."""
     from omnimj.errors import UnknownNameError
     from omnimj.recording.folder import check_folder
     from omnimj.recording.importing.mapping import PLANTS
@@ -82,16 +75,14 @@ def run(arguments: Any) -> int:
     else:
         done = "the mapping is complete" if has_mapping and ready else ""
         done = done if has_mapping else _write_proposal(plan, arguments)
-    if arguments.json:
-        print(format_json(_content(plan, arguments, written, done)))
-    else:
-        print(_format(plan, written, done, has_mapping))
+    content, text = _content(plan, arguments, written, done), _format(plan, written, done, has_mapping)
+    print(format_json(content) if arguments.json else text)
     return FAILED if arguments.out is not None and not (ready or has_mapping) else 0
 
 
 def _write_proposal(plan: ImportPlan, arguments: Any) -> str:
     """Write the proposed mapping, unless an earlier one is there; return what was done in words."""
-    from omnimj.errors import write_failure
+    from omnimj.recording.folder import make_parents
     from omnimj.recording.importing.mapping_text import mapping_text
     from omnimj.recording.json_files import write_text
 
@@ -99,11 +90,8 @@ def _write_proposal(plan: ImportPlan, arguments: Any) -> str:
     file = arguments.mapping or first.with_name(f"{first.stem}.mapping.toml")
     if os.path.lexists(file) and not arguments.force:
         return f"{file} is there already and was kept: give it with --mapping, or --force to replace it"
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, mapping_text(plan.proposal))
-    except OSError as error:
-        raise write_failure(file, error, "choose another file with --mapping") from None
+    make_parents(file, file, "choose another file with --mapping")
+    write_text(file, mapping_text(plan.proposal))
     return f"proposed mapping written to {file}: check it, then give it with --mapping"
 
 

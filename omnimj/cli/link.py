@@ -57,15 +57,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_check(arguments: Any) -> int:
-    """Check link and robot step by step, the riskiest step last.
-
-    Returns:
-      0 if every step passes, else 1.
-
-    Raises:
-      InputError: The plant is not a link address, the model has no [hardware], or the operator does not
-        confirm that the robot may move.
-    """
+    """Check link and robot step by step, the riskiest step last; 1 if a step fails."""
     from omnimj.parameters import read_robot
     from omnimj.simulate.plants import is_link_address
 
@@ -83,11 +75,7 @@ def run_check(arguments: Any) -> int:
 
 
 def _require_ready(on_floor: bool) -> None:
-    """Ask the operator to confirm that the robot may move.
-
-    Raises:
-      InputError: The operator does not confirm, or there is no terminal for the question.
-    """
+    """Ask the operator to confirm that the robot may move."""
     if not sys.stdin.isatty():
         raise InputError(
             "link check", "there is no terminal for questions", "--yes states that the robot is ready"
@@ -242,11 +230,7 @@ class _Check:
         return {"y": 1, "n": -1}.get(answer)
 
     def print_result(self) -> int:
-        """Print the result of the check.
-
-        Returns:
-          The exit code.
-        """
+        """Print the result of the check, and return the exit code."""
         wrong = sum(is_right is False for *_, is_right in self._rows)
         if self._arguments.json:
             steps = [{"step": n, "found": f, "ok": ok} for n, f, ok in self._rows]
@@ -294,11 +278,7 @@ def add_fuzz_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_fuzz(arguments: Any) -> int:
-    """Send frames over a link that damages some of them, and count the accepted ones.
-
-    Returns:
-      0 if all intact frames and no others are accepted and memory does not grow, else 1.
-    """
+    """Send frames over a link that damages some; 1 if one is taken wrongly, one is lost, or memory grows."""
     from omnimj.link.check.fuzz import fuzz
 
     with progress_bar(arguments) as bar:

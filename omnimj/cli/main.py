@@ -126,11 +126,7 @@ def make_parser() -> Parser:
 
 
 def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
-    """Parse the arguments of one sub-command.
-
-    Raises:
-      InputError: The sub-command is missing, or an argument is invalid.
-    """
+    """Parse the arguments of one sub-command."""
     arguments, unknown = parser.parse_known_args(given)
     if unknown:
         place = f"omnimj {arguments.command}"

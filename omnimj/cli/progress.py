@@ -89,6 +89,20 @@ def progress_bar(arguments: Any) -> ProgressBar:
     return ProgressBar(io.StringIO() if getattr(arguments, "quiet", False) else None)
 
 
+def run_on_executor(arguments: Any, run: Callable[..., Any], config: Any) -> Any:
+    """Run a study with the executor and the progress bar of a command.
+
+    Args:
+      arguments: Arguments of the command, with those of `add_workers`.
+      run: Function of configuration, progress report and executor, such as `run_evaluation`.
+      config: Its configuration.
+    """
+    from omnimj.studies.executors import open_executor
+
+    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
+        return run(config, bar.show_share, executor)
+
+
 def _time_left(elapsed: float, share: float) -> str:
     """Estimate of the time left as `m:ss`; empty while it is unknown."""
     if elapsed < _KNOWN_AFTER or share < _KNOWN_SHARE or share >= 1.0:
@@ -122,11 +136,7 @@ def end_notice() -> None:
 
 @contextmanager
 def logging_to(arguments: Any) -> Iterator[None]:
-    """Send the log of omnimj to `--log FILE`, and with `--verbose` to stderr.
-
-    Raises:
-      OutputError: The file cannot be written.
-    """
+    """Send the log of omnimj to `--log FILE`, and with `--verbose` to stderr."""
     from omnimj.errors import write_failure
 
     logger, handlers = logging.getLogger("omnimj"), []

@@ -50,15 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Simulate the runs of the suite and write the dataset.
-
-    Returns:
-      0; 130 after Ctrl-C, with all finished runs kept.
-
-    Raises:
-      InputError: Suite, effect, plant or format is unknown, or the folder cannot be written.
-      SimulationError: The simulation failed; finished runs are kept.
-    """
+    """Simulate the runs of the suite and write the dataset."""
     from omnimj.simulate.suites.catalogue import find_suite
 
     suite = find_suite(arguments.suite)
@@ -89,9 +81,8 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingR
 
     arguments.plant = plant_for(suite, arguments.plant)
     check_folder(arguments.out, arguments.force)
-    announce_compilation(
-        arguments.plant, suite.plant, quiet=arguments.quiet
-    )  # before the imports that compile
+    # before the imports that compile
+    announce_compilation(arguments.plant, suite.plant, quiet=arguments.quiet)
     order = RecordingConfig(
         arguments.out,
         arguments.seed,

@@ -108,11 +108,7 @@ def _markdown(content: dict[str, Any]) -> str:
 
 
 def without_private_data(words: list[str]) -> str:
-    """Join a command line, with file names only, without folders, hosts and keys.
-
-    Args:
-      words: Words of the command line.
-    """
+    """Join a command line, with file names only, without folders, hosts and keys."""
     shown = ["FILE" if before in _SECRET else word for before, word in zip(["", *words], words, strict=False)]
     return _plain(" ".join(shown))
 
@@ -131,13 +127,7 @@ def _plain_word(word: str) -> str:
 
 
 def store_last_command(words: list[str], code: int, error: str = "") -> None:
-    """Keep the command line and its end for a bug report; a failure to do so is ignored.
-
-    Args:
-      words: Words of the command line.
-      code: Exit code.
-      error: Error in one line; empty for none.
-    """
+    """Keep the command line and its end for a bug report; a failure to do so is ignored."""
     folder = cache_root()
     if folder is None or words[1:2] == [REPORT_BUG.name]:
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import json
 import sys
 import tempfile
@@ -19,20 +20,22 @@ from omnimj.cli.arguments import (
     Command,
     add_floors,
     add_gains,
+    add_overrides,
+    add_seed,
     add_thresholds,
     add_wire,
     command_line,
+    has_out,
     read_thresholds,
     read_wire,
 )
-from omnimj.cli.progress import ProgressBar, progress_bar
+from omnimj.cli.progress import progress_bar
 from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError, SimulationError
 from omnimj.recording.folder import atomic_file
 from omnimj.resources import models_folder
 
 if TYPE_CHECKING:
-    from omnimj.simulate.loop import Progress
     from omnimj.simulate.plants import LinkOptions
     from omnimj.simulate.run import RunResult
     from omnimj.simulate.scenario.scenario import Scenario
@@ -65,24 +68,10 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", metavar="P", help=f"twin (default), planar, or {ADDRESS}")
     words = "fault detection: robust (default), published (default on the rig) or off"
     parser.add_argument("--method", metavar="M", help=words)
-    parser.add_argument(
-        "--seed", metavar="N", type=_seed, default=0, help="seed of the sensors' noise (default 0)"
-    )
-    parser.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change a value of the scenario file, e.g. faults.0.wheel=3; may be given many times",
-    )
-    shipped = str(models_folder()).replace("%", "%%")
-    parser.add_argument(
-        "--model",
-        metavar="FILE",
-        type=Path,
-        help=f"{MODEL}; the originals lie in {shipped}",
-    )
+    add_seed(parser, "seed of the sensors' noise")
+    add_overrides(parser, "faults.0.wheel=3")
+    words = f"{MODEL}; the originals lie in {str(models_folder()).replace('%', '%%')}"
+    parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     add_wire(parser)
     add_floors(parser)
     add_thresholds(parser)
@@ -97,30 +86,13 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
 
 
-def _seed(text: str) -> int:
-    # the seed is stored in metrics.json and the trace, whose other readers have 64-bit integers
-    if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
-        rule = f"must be a whole number, at least 0 and below {2**63}"
-        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; {rule}")
-    return int(text)
-
-
 def run_run(arguments: Any) -> int:
-    """Drive the scenario, write its folder and print the verdict.
-
-    Returns:
-      0 if every check passes; 1 if one fails; 130 after Ctrl-C, with everything recorded so far written.
-
-    Raises:
-      SimulationError: The simulation failed; everything recorded so far is written.
-    """
+    """Drive the scenario, write its folder and print the verdict; 1 if a check fails."""
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.scenario.scenario import read_scenario
     from omnimj.view.opengl import choose_backend
 
-    if arguments.force and arguments.out is None:
-        raise InputError("--force", "there is no --out", "it belongs to --out DIR")
-    if arguments.out is not None:
+    if has_out(arguments):
         check_folder(arguments.out, arguments.force)
         choose_backend()
     scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model, arguments.floors)
@@ -179,7 +151,9 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
     finished.metrics["failure"] = failure
     finished.metrics["command"] = command_line(arguments)
     if others.runs:
-        finished.metrics["compared"] = comparison_metrics(others)
+        failures = others.failures
+        compared = {name: {**run.metrics, "failure": failures.get(name)} for name, run in others.runs.items()}
+        finished.metrics["compared"] = compared
     if not failure:
         from omnimj.cli.run_summary import format_run
 
@@ -192,7 +166,8 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
             write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
         if not failure and not arguments.json:
             print(f"written to {arguments.out}")
-    print_failures(others)
+    for method, reason in others.failures.items():
+        print(f"omnimj: method {method}: {reason}", file=sys.stderr)
     if live is not None:
         live.finish(finished)
 
@@ -218,13 +193,15 @@ def _drive(
     plant = plant_name(scenario, arguments.plant)
     compiled = "remote" if wire is not None else plant
     if plant != KINEMATIC:
-        announce_compilation(
-            compiled, scenario.plant, quiet=arguments.quiet
-        )  # before the imports that compile
+        # before the imports that compile
+        announce_compilation(compiled, scenario.plant, quiet=arguments.quiet)
     live, callbacks = None, NO_CALLBACKS
     if arguments.view:
         known = {"scenario": scenario.name, "method": method, "seed": arguments.seed}
-        live = open_live(scenario, known)
+        from omnimj.view.rerun.live import LiveRun
+        from omnimj.view.rerun.viewer import open_viewer
+
+        live = LiveRun(scenario, known, open_viewer())  # a failure prevents the run
         callbacks = live.callbacks
     with progress_bar(arguments) as bar:
         finished = run_scenario(
@@ -242,11 +219,7 @@ def _drive(
 
 
 def other_methods(scenario: Scenario, method: str) -> tuple[str, ...]:
-    """List the methods that a run with `method` can be compared with.
-
-    Raises:
-      InputError: There is none, or one does not suit this robot; raised before anything is driven.
-    """
+    """List the methods that a run can be compared with; there must be one, and all must suit this robot."""
     from omnimj.simulate.detectors import available_methods, make_detector
 
     others = tuple(name for name in available_methods(scenario) if name != method)
@@ -271,13 +244,7 @@ class Comparison:
 
 
 def drive_comparison(arguments: Any, scenario: Scenario, methods: tuple[str, ...]) -> Comparison:
-    """Drive the scenario once with each method.
-
-    Args:
-      arguments: Plant and seed of the sensor noise, the same for all methods.
-      scenario: The scenario of the main run.
-      methods: Methods to drive with, from `other_methods`.
-    """
+    """Drive the scenario once with each of the methods, on the same plant and with the same seed."""
     from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import run_scenario
 
@@ -286,7 +253,7 @@ def drive_comparison(arguments: Any, scenario: Scenario, methods: tuple[str, ...
     try:
         for method in methods:
             with progress_bar(arguments) as bar:
-                callbacks = Callbacks(_progress(bar, method))
+                callbacks = Callbacks(functools.partial(bar.show, phase=f"method {method}"))
                 run = run_scenario(scenario, arguments.plant, method, arguments.seed, callbacks)
             if run.metrics:
                 runs[method] = run
@@ -299,43 +266,12 @@ def drive_comparison(arguments: Any, scenario: Scenario, methods: tuple[str, ...
     return Comparison(runs, failures)
 
 
-def _progress(bar: ProgressBar, method: str) -> Progress:
-    def show(done: int, total: int) -> None:
-        bar.show(done, total, f"method {method}")
-
-    return show
-
-
-def comparison_metrics(comparison: Comparison) -> dict[str, Any]:
-    """Return the entry `compared` of `metrics.json`."""
-    return {
-        method: {**run.metrics, "failure": comparison.failures.get(method)}
-        for method, run in comparison.runs.items()
-    }
-
-
-def print_failures(comparison: Comparison) -> None:
-    """Print one line on stderr for each run that failed."""
-    for method, failure in comparison.failures.items():
-        print(f"omnimj: method {method}: {failure}", file=sys.stderr)
-
-
 def write_outputs(
     folder: Path, force: bool, run: RunResult, others: Mapping[str, RunResult] | None = None
 ) -> None:
     """Write `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
 
     Runs with other methods have a trace each, `trace_off.parquet` and so on, and are shown in `report.html`.
-
-    Args:
-      folder: Output folder; created if needed.
-      force: Whether the files of an earlier run may be replaced.
-      run: The main run.
-      others: Runs of the same scenario with other methods, by method.
-
-    Raises:
-      InputError: The folder is not empty and `force` is false.
-      OutputError: A file cannot be written.
     """
     from omnimj.recording.folder import RUN_FILES, make_folder
     from omnimj.recording.traces import write_trace
@@ -366,22 +302,6 @@ def _picture_of(run: RunResult, folder: Path) -> Picture | None:
 
     poses = poses_of(run)
     return None if poses is None else picture_of_run(poses, run.trace, run.metrics, folder / "picture.png")
-
-
-def open_live(scenario: Scenario, known: Mapping[str, Any]) -> LiveRun:
-    """Open the Rerun viewer before a run; a failure prevents the run.
-
-    Args:
-      scenario: The scenario that will be driven.
-      known: Entries of `metrics.json` that are known before the run.
-
-    Raises:
-      ViewerError: No viewer could be opened.
-    """
-    from omnimj.view.rerun.live import LiveRun
-    from omnimj.view.rerun.viewer import open_viewer
-
-    return LiveRun(scenario, known, open_viewer())
 
 
 SCENARIOS = Command(

@@ -84,23 +84,13 @@ def format_run(finished: RunResult) -> str:
     recovery = format_recovery(finished.trace, metrics, finished.scenario.constants)
     comparison = format_comparison(units, metrics)
     link = format_link(metrics["link"]) if "link" in metrics else ""
-    lines += [part for words in (diagnosed, recovery, comparison, link) if words for part in ("", words)] + [
-        ""
-    ]
-    if finished.interrupted:
-        lines.append("interrupted")
-    else:
-        lines.append(_verdict(metrics["checks"]))
-    return "\n".join(lines)
+    lines += [f"\n{words}" for words in (diagnosed, recovery, comparison, link) if words]
+    verdict = "interrupted" if finished.interrupted else _verdict(metrics["checks"])
+    return "\n".join([*lines, "", verdict])
 
 
 def format_diagnoses(metrics: Mapping[str, Any], wheels: int) -> str:
-    """Format a table of true faults and diagnoses, or one line; empty for a run without fault detection.
-
-    Args:
-      metrics: Content of `metrics.json`.
-      wheels: Number of wheels of the plant.
-    """
+    """Format a table of true faults and diagnoses, or one line; empty for a run without fault detection."""
     if not is_diagnosed(metrics):
         return ""
     if not metrics.get("truth", True):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import exit_code
-from omnimj.cli.progress import progress_bar
+from omnimj.cli.progress import run_on_executor
 from omnimj.cli.terminal import format_study, print_study
 from omnimj.errors import InputError
 
@@ -41,16 +41,7 @@ def add_scoreboard_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_scoreboard_command(arguments: Any) -> int:
-    """Search all sets that are there and print the table.
-
-    Returns:
-      0 regardless of the verdicts; 1 if a set could not be searched; 130 after Ctrl-C, with all finished sets
-      kept.
-
-    Raises:
-      InputError: An option is not one of the scoreboard, a path holds no set, or the folder holds something
-        else.
-    """
+    """Search all sets that are there and print the table; 1 if a set could not be searched."""
     given = {"--model": arguments.model, "--floors": arguments.floors, "--holdout": arguments.holdout}
     for name, value in given.items():
         if value:
@@ -73,10 +64,10 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 
 def _run(arguments: Any, folder: Path) -> ScoreboardResult:
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.scoreboard.sets import known_sets
     from omnimj.studies.scoreboard.study import ScoreboardConfig, run_scoreboard
-    from omnimj.view.report.evaluation import write_scoreboard_report
+    from omnimj.studies.scoreboard.tables import HEADING
+    from omnimj.view.report.evaluation import write_tables_report
 
     order = ScoreboardConfig(
         folder,
@@ -89,9 +80,9 @@ def _run(arguments: Any, folder: Path) -> ScoreboardResult:
         arguments.workers,
         arguments.force,
     )
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_scoreboard(order, bar.show_share, executor)
-    write_scoreboard_report(folder / REPORT, outcome.lines, outcome.tables)
+    outcome = run_on_executor(arguments, run_scoreboard, order)
+    files = f"{NUMBERS}, reports of the searches in sets/"
+    write_tables_report(folder / REPORT, HEADING, outcome.lines, outcome.tables, files)
     return outcome
 
 
@@ -118,29 +109,15 @@ def _without_last_column(tables: Sequence[Table]) -> list[Table]:
 
 
 def search_and_write(one: RealSet, dataset: Path, folder: Path, seed: int, accept: bool) -> Finding:
-    """Search the dataset of a set and write the files of `omnimj gap`.
-
-    Args:
-      one: The set.
-      dataset: Folder of its dataset.
-      folder: Folder for the files.
-      seed: Seed of the held-out draw.
-      accept: Whether to search in data with certain faults.
-
-    Raises:
-      InputError: The dataset or the model is wrong.
-      DataFaultError: The data have certain faults and are not accepted.
-    """
-    from omnimj.cli.gap import FLOORS, MJCF_MODEL, MODEL, new_texts, write_outputs
-    from omnimj.estimate.gap.files import digest
+    """Search the dataset of a set and write the files of `omnimj gap`."""
+    from omnimj.cli.gap import gap_content, new_texts, write_outputs
     from omnimj.estimate.gap.find import find_gap
 
     finding = find_gap(dataset, one.model, (), None, seed, one.floors, accept=accept)
     texts, refused = new_texts(finding, one.model, one.floors)
-    model = next((name for name in (MJCF_MODEL, MODEL) if name in texts), None)
     command = f"omnimj gap {dataset} --seed {seed} --out DIR"
     command += "".join(f" --{key} {file}" for key in ("model", "floors") if (file := getattr(one, key)))
-    content = digest(finding, model, FLOORS if FLOORS in texts else None, command)
+    content = gap_content(finding, texts, command)
     write_outputs(folder, True, finding, one.model, content, texts)
     if refused is not None:
         raise refused

@@ -23,7 +23,7 @@ from omnimj.cli.arguments import (
     read_thresholds,
     whole_number,
 )
-from omnimj.cli.progress import progress_bar
+from omnimj.cli.progress import run_on_executor
 from omnimj.cli.terminal import announce_compilation, format_study, note_compiled, print_study
 from omnimj.errors import InputError
 
@@ -71,18 +71,9 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_evaluate(arguments: Any) -> int:
-    """Drive the cases, score them and write the results.
-
-    Returns:
-      0 regardless of the scores; 1 if a case failed; 130 after Ctrl-C, with all finished cases kept.
-
-    Raises:
-      InputError: An option is out of its range, or the folder holds something else.
-      SimulationError: A worker died; finished cases are kept.
-    """
+    """Drive the cases, score them and write the results; 1 if a case failed."""
     from omnimj.studies.evaluation.cases import FLOORS, CasePopulation
     from omnimj.studies.evaluation.study import NUMBERS, EvaluationConfig, check_config, run_evaluation
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.random_truth import CLASSES
     from omnimj.view.report.evaluation import write_evaluation_report
 
@@ -114,8 +105,7 @@ def run_evaluate(arguments: Any) -> int:
         raise InputError("--record", found, "recordings would stay on the disks of its workers")
     for plant in choice.plants:
         announce_compilation(plant, "uto_robot", quiet=arguments.quiet)
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_evaluation(order, bar.show_share, executor)
+    outcome = run_on_executor(arguments, run_evaluation, order)
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
     write_evaluation_report(arguments.out / REPORT, outcome)
@@ -162,17 +152,8 @@ def _absolute(file: Path | None) -> Path | None:
 
 
 def run_sensitivity(arguments: Any) -> int:
-    """Drive the trajectories of the study, rank the parameters and write the results.
-
-    Returns:
-      0 regardless of the ranking; 1 if a run failed; 130 after Ctrl-C, with all finished runs kept.
-
-    Raises:
-      InputError: An option is out of its range, or the folder holds something else.
-      SimulationError: A worker died; finished runs are kept.
-    """
+    """Drive the trajectories, rank the parameters and write the results; 1 if a run failed."""
     from omnimj.simulate.scenario.scenario import absolute_scenario
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.sensitivity.study import NUMBERS, SensitivityConfig, check_config, run_sensitivity
     from omnimj.studies.sensitivity.trial import TrialConfig, nominal_scenario
     from omnimj.view.report.sensitivity import write_sensitivity_files
@@ -198,8 +179,7 @@ def run_sensitivity(arguments: Any) -> int:
     scenario = nominal_scenario(trial)
     announce_compilation(order.trial.plant, scenario.plant, quiet=arguments.quiet)
     check_config(order)
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_sensitivity(order, bar.show_share, executor)
+    outcome = run_on_executor(arguments, run_sensitivity, order)
     if outcome.runs:
         note_compiled(order.trial.plant, scenario.plant)
     write_sensitivity_files(arguments.out, outcome)

@@ -16,6 +16,7 @@ from omnimj.cli.arguments import (
     add_reset_fault,
     add_seed,
     exit_code,
+    has_out,
     whole_number,
 )
 from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
@@ -77,15 +78,7 @@ def _number(text: str) -> float:
 
 
 def run(arguments: Any) -> int:
-    """Drive until a key, a signal or the plant ends the drive, then write the trace.
-
-    Returns:
-      0 if ended by a key; 130 after Ctrl-C or when the terminal hung up.
-
-    Raises:
-      InputError: There is no terminal, or a name is unknown.
-      SimulationError: The plant failed; everything recorded so far is written.
-    """
+    """Drive until a key, a signal or the plant ends the drive, then write the trace."""
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.detectors import require_known_method
     from omnimj.simulate.teleop.devices import Terminal
@@ -93,9 +86,7 @@ def run(arguments: Any) -> int:
 
     limits = _limits(arguments)
     require_known_method(arguments.method)
-    if arguments.force and arguments.out is None:
-        raise InputError("--force", "there is no --out", "it belongs to --out DIR")
-    if arguments.out is not None:
+    if has_out(arguments):
         check_folder(arguments.out, arguments.force)
     scenario = free_drive(arguments.floor or DEFAULT_FLOOR, arguments.model, arguments.floors)
     terminal = Terminal()

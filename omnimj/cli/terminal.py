@@ -115,15 +115,7 @@ def format_json(content: Any) -> str:
 def format_study(
     parts: Iterable[str], tables: Iterable[Any], notes: Iterable[str], interrupted: bool, folder: Path
 ) -> str:
-    """Join the printed parts of a study: paragraphs, titled tables, notes, and the location of its files.
-
-    Args:
-      parts: Paragraphs before the tables.
-      tables: Records with `title`, `head` and `rows`; empty ones are left out.
-      notes: Paragraphs after the tables.
-      interrupted: Whether Ctrl-C ended the study.
-      folder: Folder of its files.
-    """
+    """Join the printed parts of a study: paragraphs, titled tables with rows, notes, place of the files."""
     shown = [f"{one.title}\n{format_table(one.head, one.rows)}" for one in tables if one.rows]
     resumed = ["interrupted; the same command resumes it"] if interrupted else []
     return "\n\n".join((*parts, *shown, *notes, *resumed, f"written to {folder}"))
@@ -143,14 +135,7 @@ def format_value(value: float | None, unit: str = "") -> str:
 
 
 def announce_compilation(plant: str, machine: str, kind: str = "plant", quiet: bool = False) -> None:
-    """Report on stderr that native code must be compiled first, if so; a terminal counts the functions.
-
-    Args:
-      plant: `twin` or `planar`, or the name of a method.
-      machine: `uto_robot` or `quarter_rig`.
-      kind: `plant` or `method`.
-      quiet: True to print nothing.
-    """
+    """Report on stderr that a plant or method must be compiled first; a terminal counts the functions."""
     from omnimj.physics.native import is_compiled, on_compilation
 
     if quiet or is_compiled(f"{plant}-{machine}"):

@@ -24,7 +24,7 @@ from omnimj.cli.arguments import (
     require_writable,
     whole_number,
 )
-from omnimj.cli.progress import progress_bar
+from omnimj.cli.progress import run_on_executor
 from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
 from omnimj.errors import InputError
 
@@ -84,18 +84,8 @@ def _points(text: str) -> int:
 
 
 def run(arguments: Any) -> int:
-    """Search for gains, judge them on other seeds, and write gains file and report.
-
-    Returns:
-      0 if the result is better on the judging seeds, 1 if not; 130 after Ctrl-C, with all finished trials
-      kept.
-
-    Raises:
-      InputError: An option is out of its range, or --out cannot be written.
-      SimulationError: A worker died or a trial failed; finished trials are kept.
-    """
+    """Search for gains, judge them on other seeds, and write them with a report; 1 if they are not better."""
     from omnimj.recording.json_files import write_text
-    from omnimj.studies.executors import open_executor
     from omnimj.studies.tuning.reporting import format_gains_file
     from omnimj.studies.tuning.study import check_config, run_tuning
     from omnimj.view.report.tuning import write_tuning_report
@@ -109,12 +99,7 @@ def run(arguments: Any) -> int:
     check_config(config)
     for plant in (config.plant, *(("twin",) if config.twin else ())):
         announce_compilation(plant, "uto_robot", quiet=arguments.quiet)
-    with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
-        outcome = run_tuning(
-            config,
-            bar.show_share,
-            executor,
-        )
+    outcome = run_on_executor(arguments, run_tuning, config)
     if outcome is None:
         words = f"finished trials are kept in {config.folder}, and the same command continues"
         print(f"omnimj: interrupted; {words}", file=sys.stderr)

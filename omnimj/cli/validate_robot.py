@@ -48,21 +48,7 @@ end of path: median distance of the ends over the path's length, for the simulat
 
 
 def validate_robot_dataset(arguments: Any, dataset: Dataset, floors: Mapping[str, Floor]) -> int:
-    """Simulate every measured drive again and write the comparison.
-
-    Args:
-      arguments: Of `omnimj validate`.
-      dataset: Runs of a robot.
-      floors: Floors by name.
-
-    Returns:
-      0; 130 after Ctrl-C, with all finished runs kept.
-
-    Raises:
-      InputError: The data or the model are invalid, the pose is not measured or does not fit the wheels.
-      UnknownNameError: `--recording` names no run.
-      SimulationError: A simulation failed.
-    """
+    """Simulate every measured drive again and write the comparison."""
     from omnimj.estimate.drives.files import drives_content
     from omnimj.estimate.drives.validate import require_drives, validate_drives
     from omnimj.parameters import read_robot
@@ -107,12 +93,7 @@ def _write(arguments: Any, found: DriveValidation, content: dict[str, Any], robo
 
 
 def format_drives(found: DriveValidation, out: Path) -> str:
-    """Format a validation as a table of floors, speeds and plants.
-
-    Args:
-      found: The validation.
-      out: Folder of its files.
-    """
+    """Format a validation as a table of floors, speeds and plants."""
     notes = found.notes if len(found.notes) <= _MOST_NOTES else (_many(len(found.notes)),)
     table = format_table(_HEAD, [_row(group) for group in found.groups])
     lines = [*notes, *found.marker_notes, "", table, "", _LEGEND]
@@ -129,7 +110,9 @@ def _many(notes: int) -> str:
 
 
 def _row(group: Group) -> tuple[str, ...]:
-    ends = f"{_percent(group.end_by_measured_heading)} / {_percent(group.end_by_own_heading)}"
+    from omnimj.view.wording import percent
+
+    ends = f"{percent(group.end_by_measured_heading)} / {percent(group.end_by_own_heading)}"
     return (
         group.floor,
         f"{group.wheel_rolling:.2f}",
@@ -137,7 +120,7 @@ def _row(group: Group) -> tuple[str, ...]:
         group.plant,
         f"{group.measured_speed:.4f}",
         f"{group.simulated_speed:.4f}",
-        _percent(group.velocity_error),
+        percent(group.velocity_error),
         _currents(group.current_error),
         _currents(_over_wheels(group.measured_current)),
         f"{group.yaw_rate_error:.4f}",
@@ -154,7 +137,3 @@ def _over_wheels(values: Array) -> list[float]:
 def _currents(values: Array | list[float]) -> str:
     known = [f"{value:.3f}" if math.isfinite(value) else "–" for value in values]
     return "–" if set(known) == {"–"} else " ".join(known)
-
-
-def _percent(ratio: float) -> str:
-    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "–"

@@ -88,12 +88,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_wheel(arguments: Any) -> int:
-    """Write the file of one wheel, and print what it is.
-
-    Raises:
-      InputError: A number is out of range, or the file exists.
-      OutputError: The file cannot be written.
-    """
+    """Write the file of one wheel, and print what it is."""
     from omnimj.wheels import mecanum_wheel, omni_wheel, wheel_file
 
     require_writable(arguments.out, arguments.force)
@@ -105,12 +100,7 @@ def run_wheel(arguments: Any) -> int:
 
 
 def run_robot(arguments: Any) -> int:
-    """Write the file of a robot, and print what it is.
-
-    Raises:
-      InputError, UnknownNameError: A number is out of range, a name is unknown, or the file exists.
-      OutputError: The file cannot be written.
-    """
+    """Write the file of a robot, and print what it is."""
     from omnimj.wheels import model_text, robot_file, wheeled_robot
     from omnimj.wheels.robot import wheel_of_layout
 
@@ -195,13 +185,10 @@ def _robot_content(robot: WheeledRobot) -> dict[str, Any]:
 
 
 def _write_text(path: Path, text: str) -> None:
-    from omnimj.errors import write_failure
+    from omnimj.recording.folder import make_parents
     from omnimj.recording.json_files import write_text
 
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise write_failure(path, error) from None
+    make_parents(path, path)
     write_text(path, text)
 
 

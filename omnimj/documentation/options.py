@@ -73,7 +73,7 @@ def _name(action: argparse.Action) -> str:
     """An option as it is typed, with its value: `-q`, `--quiet`; a needed one is marked."""
     if not action.option_strings:
         return f"`{str(action.metavar or action.dest).upper()}{'…' if action.nargs in ('+', '*') else ''}`"
-    value = "" if action.nargs == 0 else f" {action.metavar or action.dest.upper()}"
+    value = "" if action.nargs == 0 else f" {action.metavar or action.dest.upper()}".replace("|", " or ")
     many = "…" if action.nargs in ("+", "*") else ""
     name = ", ".join(f"`{option}{value}{many}`" for option in action.option_strings)
     return f"{name}, needed" if action.required else name

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import stat
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -116,6 +116,17 @@ def check_table(place: str, value: Any) -> Mapping[str, Any]:
     return value
 
 
+def require_keys(place: object, table: Mapping[str, Any], keys: Sequence[str]) -> None:
+    """Check that a table has no other keys than these.
+
+    Raises:
+      UnknownNameError: An unknown key; the message lists the known ones.
+    """
+    for key in table:
+        if key not in keys:
+            raise UnknownNameError(place, "key", key, keys)
+
+
 def check_text(place: str, value: Any) -> str:
     """Check that a value is a string that is not blank.
 
@@ -159,9 +170,7 @@ def read_provenance(place: str, entry: Any, unit: str | None, more: tuple[str, .
     known = (*_NEEDED, "uncertainty", *more)
     if not isinstance(entry, Mapping):
         raise InputError(place, f"found {entry!r}", shape)
-    for key in entry:
-        if key not in known:
-            raise UnknownNameError(place, "key", key, known)
+    require_keys(place, entry, known)
     for key in _NEEDED:
         if key not in entry:
             raise InputError(place, f"'{key}' is missing", shape)

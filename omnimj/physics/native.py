@@ -36,6 +36,7 @@ from numba.core.errors import RequireLiteralValue
 from numba.core.sigutils import normalize_signature
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from omnimj.physics.machine_code import deferred_translation
 from omnimj.resources import cache_root
 
 # the decorators hide the signatures from type checkers
@@ -173,11 +174,13 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
             before = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = str(folder)
             try:
-                compiled = decorator(*arguments, cache=True, **options)(function)
+                with deferred_translation():
+                    compiled = decorator(*arguments, cache=True, **options)(function)
             except _DAMAGED:  # a C callback is loaded right here, a kernel at its first call
                 _report_damage(function.__qualname__)
                 _remove_files(folder, function)
-                compiled = decorator(*arguments, cache=True, **options)(function)
+                with deferred_translation():
+                    compiled = decorator(*arguments, cache=True, **options)(function)
             except OSError as error:
                 _report_no_cache(folder, error)
                 compiled = decorator(*arguments, **options)(function)
@@ -245,7 +248,7 @@ def _optimize_lightly(compiled: Any) -> None:
         before = numba.config.OPT
         numba.config.OPT = type(before)(min(before, _OPTIMIZATION))
         try:
-            with _collecting_rarely():
+            with _collecting_rarely(), deferred_translation():
                 return compile_types(*arguments)
         finally:
             numba.config.OPT = before
@@ -296,7 +299,8 @@ def _enter_on_demand(compiled: Any) -> None:
             return compile_types(signature)
 
     def load_for_caller(*arguments: Any) -> Any:
-        found = load(*arguments)
+        with deferred_translation():
+            found = load(*arguments)
         usable = found is None or options.get(_NO_ENTRY, False) or has_entry(found)
         return found if usable else None
 

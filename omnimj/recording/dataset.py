@@ -113,13 +113,7 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
 
 
 def plant_columns(plant: str, wheels: int = ROBOT_WHEELS, pose_measured: bool = False) -> PlantColumns:
-    """Return the columns of a plant.
-
-    Args:
-      plant: One of `PLANT_COLUMNS`.
-      wheels: Number of wheels of a robot.
-      pose_measured: Whether a robot's pose was measured, so that it needs no inertial unit.
-    """
+    """Return the columns of a plant."""
     return _robot_columns(wheels, pose_measured) if plant == "uto_robot" else PLANT_COLUMNS[plant]
 
 
@@ -184,10 +178,6 @@ class Dataset(Displayed):
 
 def require_inertial_unit(dataset: Dataset, hint: str = "") -> None:
     """Refuse robot runs with a measured pose and no inertial unit, for work that needs the unit.
-
-    Args:
-      dataset: The runs.
-      hint: What works without the unit, for the message.
 
     Raises:
       InputError: A run lacks a column of the inertial unit.

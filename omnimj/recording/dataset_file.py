@@ -12,7 +12,7 @@ from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
-from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml
+from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml, require_keys
 from omnimj.recording.dataset import (
     MASS_OF,
     MAX_WHEELS,
@@ -96,19 +96,13 @@ class DatasetFile:
 def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> DatasetFile:
     """Read the `dataset.toml` of a folder.
 
-    Args:
-      folder: The dataset's folder.
-      floors: Names of all floors; None for those of the shipped `floors.toml`.
-
     Raises:
       InputError: The file is missing or not TOML, or a value breaks its rule.
       UnknownNameError: A plant, floor, column or key does not exist; the message lists the choices.
     """
     path = folder / DATASET_FILE
     tree = read_toml(path)
-    for key in tree:
-        if key not in _TOP:
-            raise UnknownNameError(path, "key", key, _TOP)
+    require_keys(path, tree, _TOP)
     if "plant" not in tree:
         raise InputError(path, "'plant' is missing", "a dataset has one", PLANT_COLUMNS)
     plant = tree["plant"]
@@ -222,9 +216,7 @@ def _start_floors(place: str, value: Any, floors: Collection[str]) -> str:
 def _column_mapping(place: str, entry: Any, plant: str, known: PlantColumns) -> ColumnMapping:
     if not isinstance(entry, Mapping):
         raise InputError(place, f"found {entry!r}", _WRITE_COLUMN)
-    for key in entry:
-        if key not in _COLUMN_KEYS:
-            raise UnknownNameError(place, "key", key, _COLUMN_KEYS)
+    require_keys(place, entry, _COLUMN_KEYS)
     if "name" not in entry:
         raise InputError(place, "'name' is missing", _WRITE_COLUMN)
     name = entry["name"]

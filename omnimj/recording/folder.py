@@ -18,10 +18,6 @@ RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
 def check_folder(folder: Path, force: bool) -> None:
     """Check before the work that results can be written to a folder.
 
-    Args:
-      folder: Output folder; need not exist.
-      force: Accept a folder that is not empty.
-
     Raises:
       InputError: The folder is not empty and `force` is false, or the path leads through a file.
       OutputError: The folder cannot be written.
@@ -75,6 +71,18 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise write_failure(f"--out {folder}", error) from None
+
+
+def make_parents(file: Path, place: object, rule: str = "") -> None:
+    """Create the folder of a file, with its parents.
+
+    Raises:
+      OutputError: It cannot be created; the message names the place.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise write_failure(place, error, rule) from None
 
 
 @contextmanager

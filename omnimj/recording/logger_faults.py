@@ -85,9 +85,6 @@ def wheel_numbers(run: Run) -> list[int]:
 def mask_logger_faults(runs: Sequence[Run]) -> tuple[list[dict[str, Mask]], list[str]]:
     """Mask what a slow logger did not measure, in robot runs with a measured pose.
 
-    Args:
-      runs: Runs in SI units under the names of omnimj.
-
     Returns:
       Masks by column for each run, shape (samples of the run,) each, and one note per fault.
     """

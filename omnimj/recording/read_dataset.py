@@ -230,11 +230,6 @@ def mask_runs(
 ) -> tuple[list[Run], list[str]]:
     """Mask samples that must not be fitted: spikes, samples beside gaps, and what a slow logger repeated.
 
-    Args:
-      plant: Columns of the plant.
-      runs: Runs without masks, in SI units under the names of omnimj.
-      pose_measured: Whether these are robot runs with a measured pose, whose loggers are slow.
-
     Returns:
       Runs with masks, and one note per gap or column with spikes.
     """

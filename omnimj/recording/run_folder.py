@@ -82,9 +82,6 @@ def _require_metrics(file: Path, content: Any) -> None:
 def find_run_folders(folder: Path) -> list[RunFolder]:
     """Read all runs below a folder, in the order of their paths.
 
-    Args:
-      folder: Folder that is searched four levels deep; links to folders are not followed.
-
     Raises:
       InputError: There is no run, there are more than 5000, or one is damaged.
     """
@@ -112,14 +109,7 @@ def _run_paths(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def short_names(paths: list[Path]) -> list[str]:
-    """Name folders by the shortest ends of their paths that differ: `a/seed_1` and `b/seed_1`.
-
-    Args:
-      paths: Paths of the folders.
-
-    Returns:
-      A name per path; equal paths have equal names.
-    """
+    """Name folders by the shortest ends of their paths that differ: `a/seed_1` and `b/seed_1`."""
     parts = [path.absolute().parts for path in paths]
     longest = max(map(len, parts), default=0)
     for length in range(1, longest + 1):

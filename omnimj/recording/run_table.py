@@ -79,11 +79,7 @@ def _not_whole(path: Path, error: Exception) -> InputError:
 
 
 def _checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Strip column names of spaces; keep empty names, which result from a trailing comma.
-
-    Raises:
-      InputError: A name occurs twice, or there is none.
-    """
+    """Strip column names of spaces; keep empty names, which result from a trailing comma."""
     stripped = tuple(name.strip() for name in names)
     seen: set[str] = set()
     for name in stripped:
@@ -126,9 +122,6 @@ def _read_csv(path: Path, needed: Collection[str]) -> RunTable:
     """Read a comma-separated file with a header row, any line endings and an optional byte order mark.
 
     An irregular file is read again cell by cell, to report the place of the error.
-
-    Raises:
-      InputError: As `read_run_table`.
     """
     names, header_lines = _header(path)
     needed = [name for name in names if name in needed]
@@ -231,11 +224,7 @@ def _row_of(path: Path, header_lines: int, sample: int) -> int:
 def _read_by_cell(
     path: Path, names: Sequence[str], header_lines: int, needed: Collection[str]
 ) -> dict[str, Array]:
-    """Read the numbers by column, cell by cell.
-
-    Raises:
-      InputError: A row has too few or too many cells, or no number where one is needed.
-    """
+    """Read the numbers by column, cell by cell."""
     places = [(k, name) for k, name in enumerate(names) if name in needed]
     others: dict[int, str] = {k: name for k, name in enumerate(names) if name and name not in needed}
     found: dict[int, list[float]] = {k: [] for k, name in enumerate(names) if name}
@@ -273,11 +262,7 @@ def _needed_number(path: Path, row: int, name: str, cell: str) -> float:
 
 
 def _read_parquet(path: Path, needed: Collection[str]) -> RunTable:
-    """Read a Parquet file.
-
-    Raises:
-      InputError: As `read_run_table`.
-    """
+    """Read a Parquet file."""
     try:
         # not as an Arrow dataset: a folder name such as `seed=1` must not become a column
         with pq.ParquetFile(path, page_checksum_verification=True) as file:

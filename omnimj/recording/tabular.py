@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from omnimj.errors import MissingLibrary
-from omnimj.signals import to_frame
+from omnimj.signals import to_frame, to_polars
 
 
 class Tabular:
@@ -32,11 +31,7 @@ class Tabular:
         Raises:
           MissingLibrary: polars is not installed.
         """
-        try:
-            import polars
-        except ModuleNotFoundError:
-            raise MissingLibrary("to_polars", "polars", "polars") from None
-        return polars.from_arrow(self.to_arrow())
+        return to_polars(self.to_arrow())
 
     def to_arrow(self) -> Any:
         """A `pyarrow.Table` with one row per case; what a cell has of several values becomes a list."""

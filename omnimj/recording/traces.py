@@ -26,10 +26,6 @@ def write_trace(path: Path, trace: Trace) -> None:
     Columns keep all bits, and `about` is stored as JSON in the metadata of the file. The columns have a
     checksum beside those of the pages, which exclude the headers that describe how to read a page.
 
-    Args:
-      path: File to write; overwritten if it exists.
-      trace: Trace of one run.
-
     Raises:
       OutputError: The file cannot be written.
     """
@@ -40,9 +36,6 @@ def write_trace(path: Path, trace: Trace) -> None:
 
 def read_trace(path: Path) -> Trace:
     """Read a trace, bit for bit as it was written.
-
-    Args:
-      path: Trace file.
 
     Returns:
       Trace: columns, each shape (n,), and the description of the run.

@@ -69,9 +69,6 @@ class DatasetWriter:
     def add(self, run: Run) -> None:
         """Write one run and list it in `dataset.toml`, with its conditions that differ from the defaults.
 
-        Args:
-          run: Run to write; its name becomes the stem of the file name.
-
         Raises:
           InputError: The name is taken or not valid as a file name.
           OutputError: A file cannot be written.
@@ -105,18 +102,8 @@ def write_dataset(
     force: bool = False,
     table_format: str = "parquet",
 ) -> None:
-    """Write a dataset; numbers are read back bit for bit, from Parquet and from CSV.
-
-    Args:
-      folder: Target folder; created if necessary.
-      plant: `quarter_rig`, `uto_robot` or `linear_axis`.
-      defaults: Conditions of every run unless the run states its own.
-      runs: Runs, in the order of `dataset.toml`.
-      force: Replace an earlier dataset that omnimj wrote.
-      table_format: `parquet` or `csv`.
-
-    Raises:
-      InputError, OutputError: As in `DatasetWriter`.
+    """Write a dataset; numbers are read back bit for bit, from Parquet and CSV. Arguments as for
+    `DatasetWriter`.
     """
     writer = DatasetWriter(folder, plant, defaults, force, table_format)
     for run in runs:
@@ -146,11 +133,7 @@ def dataset_text(
 
 
 def _earlier_files(folder: Path) -> list[Path]:
-    """List the files of an earlier dataset written by omnimj, its `dataset.toml` first; empty if none.
-
-    Raises:
-      InputError: The folder holds runs not written by omnimj.
-    """
+    """List the files of an earlier dataset written by omnimj, its `dataset.toml` first; empty if none."""
     if not folder.is_dir():
         return []
     about = folder / DATASET_FILE

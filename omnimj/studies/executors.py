@@ -71,11 +71,7 @@ def _open_threads(workers: int) -> Iterator[Executor]:
 
 
 def parse_scheduler(address: str) -> str:
-    """Return the scheduler `tcp://HOST:PORT` of `dask:tcp://HOST:PORT`.
-
-    Raises:
-      InputError: The address has the wrong form.
-    """
+    """Return the scheduler `tcp://HOST:PORT` of `dask:tcp://HOST:PORT`."""
     found = _SCHEDULER.fullmatch(address)
     if found is None or not 0 < int(found[2]) < 65536:
         raise InputError("--executor", f"found {address!r}", "an executor is one of these", CHOICES)
@@ -102,11 +98,7 @@ def _open_dask(address: str, timeout: float) -> Iterator[Executor]:
 
 
 def parse_slurm(address: str) -> dict[str, str]:
-    """Return the options of `slurm:KEY=VALUE,…` with the defaults of those that are not given.
-
-    Raises:
-      InputError: A key is unknown or given twice, or a value has the wrong form.
-    """
+    """Return the options of `slurm:KEY=VALUE,…` with the defaults of those that are not given."""
     options: dict[str, str] = {}
     for part in filter(None, address.removeprefix("slurm:").split(",")):
         key, _, value = part.partition("=")

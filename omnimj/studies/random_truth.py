@@ -169,10 +169,6 @@ def draw_parameter_errors(random: np.random.Generator, robot: Robot) -> Paramete
     """Draw every factor independently and uniformly within its bounds.
 
     Numbers that were identified vary within their intervals; an identified mass includes the payload.
-
-    Args:
-      random: Random generator.
-      robot: The nominal robot.
     """
 
     def factor(kind: str, identified: float | None = None) -> float:
@@ -239,13 +235,7 @@ def true_floor(nominal: Floor, errors: ParameterErrors) -> Floor:
 
 
 def with_errors(scenario: Scenario, errors: ParameterErrors, floor: str) -> Scenario:
-    """Return the scenario with the true robot on the true floor, from which a plant is made.
-
-    Args:
-      scenario: Scenario of a robot with nominal parameters.
-      errors: Errors of robot and floor.
-      floor: Name of the floor that the errors apply to.
-    """
+    """Return the scenario with the true robot on the true floor, from which a plant is made."""
     nominal = scenario.constants
     assert isinstance(nominal, Robot)
     true = true_floor(scenario.floors[floor], errors)
@@ -254,15 +244,7 @@ def with_errors(scenario: Scenario, errors: ParameterErrors, floor: str) -> Scen
 
 
 def drive_on_plant(scenario: Scenario, plant: Plant, detector: FaultDetector | None) -> Trace:
-    """Drive a robot scenario on a plant whose parameters differ from the controller's; close the plant.
-
-    Args:
-      scenario: Nominal scenario, which the controller is made for.
-      plant: Plant with the true parameters and faults.
-      detector: Fault detector for the nominal robot; the cascade alone when None.
-
-    Returns:
-      The trace; it may have ended early by a failure.
+    """Drive a robot scenario on a plant with other parameters than its controller's; close the plant.
 
     Raises:
       KeyboardInterrupt: Ctrl-C ended the run.

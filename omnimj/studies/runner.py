@@ -7,6 +7,7 @@ to those that are finished.
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import traceback
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 from omnimj.errors import InputError, write_failure
 from omnimj.recording.folder import check_folder
@@ -22,6 +23,7 @@ from omnimj.recording.json_files import to_jsonable, write_json
 from omnimj.studies.workers import Progress, WorkerPool, run_in_workers
 
 Result_co = TypeVar("Result_co", covariant=True)
+Given = ParamSpec("Given")
 
 
 class Study(Protocol[Result_co]):
@@ -169,15 +171,20 @@ def read_json(path: Path) -> dict[str, Any] | None:
         return None
 
 
-def run_guarded(trial: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the JSON result of a trial; an exception becomes `{"error": …}` with its place in the code.
+def guarded(trial: Callable[Given, Mapping[str, Any]]) -> Callable[Given, dict[str, Any]]:
+    """Make a trial return its result as JSON types; an exception becomes `{"error": …}` with its place.
 
     Everything is caught, programming errors too: trials draw unseen machines at random, and a
     study of hours must keep the others, each failure counted and reported with its kind.
     """
-    try:
-        return to_jsonable(trial())
-    except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(last.filename).name}:{last.lineno}"
-        return {"error": f"{type(error).__name__}: {error} ({place})"}
+
+    @functools.wraps(trial)
+    def run(*arguments: Given.args, **options: Given.kwargs) -> dict[str, Any]:
+        try:
+            return to_jsonable(trial(*arguments, **options))
+        except Exception as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            place = f"{Path(last.filename).name}:{last.lineno}"
+            return {"error": f"{type(error).__name__}: {error} ({place})"}
+
+    return run

@@ -23,12 +23,7 @@ class Rate:
 
 
 def wilson(hits: int, count: int) -> Rate:
-    """Return k/n with its Wilson score interval (Wilson 1927).
-
-    Args:
-      hits: k.
-      count: n.
-    """
+    """Return k/n, hits over count, with its Wilson score interval (Wilson 1927)."""
     if count == 0:
         return Rate(0, 0, None, 0.0, 1.0)
     interval = binomtest(hits, count).proportion_ci(0.95, method="wilson")
@@ -66,15 +61,7 @@ def event_rate(events: int, hours: float) -> EventRate:
 
 
 def quantile(values: Iterable[float], share: float) -> float | None:
-    """Return the linearly interpolated quantile of values that may be infinite.
-
-    Args:
-      values: NaN is left out; an interpolation towards ∞ gives ∞.
-      share: Probability of the quantile, 0 … 1.
-
-    Returns:
-      The quantile; None without any value.
-    """
+    """Return the linearly interpolated quantile of values, perhaps ∞, without NaN; None without any value."""
     found = np.array([value for value in values if not math.isnan(value)])
     if not len(found):
         return None

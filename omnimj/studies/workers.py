@@ -77,12 +77,7 @@ class WorkerPool:
 def run_in_workers(
     work: Callable[[WorkerPool], None], workers: int, executor: Executor | None = None
 ) -> bool:
-    """Run work on a pool of workers.
-
-    Args:
-      work: Called once with the pool.
-      workers: Number of own processes; none is started before the first task.
-      executor: Used instead of own processes, and left open.
+    """Run work, called once with the pool, on own processes or on an executor, which is left open.
 
     Returns:
       True if the work was completed; False after Ctrl-C.

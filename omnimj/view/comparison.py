@@ -45,23 +45,14 @@ def runs_by_method(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def compare(units: Mapping[str, str], metrics: Mapping[str, Any]) -> Comparison:
-    """Compare the results of the methods.
-
-    Args:
-      units: Units of the scenario's metrics.
-      metrics: Content of `metrics.json`, with `compared`.
-    """
+    """Compare the results of the methods."""
     runs = runs_by_method(metrics)
     judged = [check["name"] for check in metrics.get("checks") or ()]
     return Comparison(tuple(runs), _results(units, list(runs.values()), dict.fromkeys((*_FIRST, *judged))))
 
 
 def compare_runs(runs: Mapping[str, Mapping[str, Any]]) -> Comparison:
-    """Compare any runs: setup, checks, and all results that at least one of them has.
-
-    Args:
-      runs: Content of `metrics.json` by the name of the run.
-    """
+    """Compare any runs: setup, checks, and all results that at least one of them has."""
     own = list(runs.values())
     setup = [(name, *(str(run.get(name, "–")).replace("_", " ") for run in own)) for name in _SETUP]
     setup.append(("duration", *(wording.measure(run.get("duration"), "s") for run in own)))

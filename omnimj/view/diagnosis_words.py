@@ -86,6 +86,12 @@ def describe_confidence(diagnosis: Diagnosis) -> str:
     return f"{100.0 * diagnosis.confidence:.0f} %{others}"
 
 
+def describe(diagnosis: Diagnosis) -> tuple[str, str, str, str]:
+    """Describe a diagnosis in a row: what, when, with which confidence, and what decided."""
+    d = diagnosis
+    return describe_diagnosis(d), describe_time(d), describe_confidence(d), describe_evidence(d)
+
+
 def describe_kind(diagnosis: Diagnosis) -> str:
     """Describe a diagnosis without its numbers, alike for several runs: `motor 2 is weak`."""
     return describe_diagnosis(diagnosis).partition(":")[0]

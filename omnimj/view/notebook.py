@@ -33,10 +33,7 @@ from omnimj.studies.tuning.reporting import format_verdict
 from omnimj.studies.tuning.study import TuningResult
 from omnimj.view import palette, wording
 from omnimj.view.diagnosis_words import (
-    describe_confidence,
     describe_diagnosis,
-    describe_evidence,
-    describe_time,
     describe_undiagnosed,
     describe_unjudged,
     summarize_runs,
@@ -47,7 +44,7 @@ from omnimj.view.plots.over_time import finish
 from omnimj.view.plots.panels import MIDDLE, Drawing, new_drawing
 from omnimj.view.plots.robot_numbers import identified_numbers
 from omnimj.view.report import finding_tables
-from omnimj.view.report.diagnosis import run_section
+from omnimj.view.report.diagnosis import diagnoses_table, run_section
 from omnimj.view.report.drives import drive_figures, groups_table
 from omnimj.view.report.evaluation import evaluation_figures, plain_text
 from omnimj.view.report.gap import gap_verdict, location_figures, rounds, size_figures, traction_figures
@@ -86,15 +83,7 @@ def plot_names(record: Any) -> tuple[str, ...]:
 
 
 def layout(record: Any, names: Sequence[str]) -> Any:
-    """Bokeh layout of a record's plots.
-
-    Args:
-      record: Any of the records above.
-      names: Plots below each other; the first one of all when empty.
-
-    Raises:
-      UnknownNameError: No such plot.
-    """
+    """Bokeh layout of a record's plots below each other; of the first one without names."""
     kind = type(record).__name__
     if isinstance(record, Trace):
         return stacked([_columns(record, kind, names or ("wheel_speed",))])
@@ -203,15 +192,10 @@ def _columns(trace: Trace, kind: str, names: Sequence[str]) -> Drawing:
 
 @summarize.register
 def _(record: RunDiagnosis) -> Summary:
-    rows = [
-        (describe_diagnosis(d), number(describe_time(d)), describe_confidence(d), describe_evidence(d))
-        for d in record.diagnoses
-    ]
-    found = table(rows, ("diagnosis", "time", "confidence", "decided by")) if rows else None
     lines = [line for line in (describe_unjudged(record), *record.notes) if line]
-    kind = "bad" if rows else "plain"
-    verdict = summarize_runs([record]) if rows else describe_undiagnosed(record)
-    return Summary(f"Run {record.name}", verdict, kind, lines, [found])
+    found = diagnoses_table(record.diagnoses)
+    verdict = summarize_runs([record]) if found else describe_undiagnosed(record)
+    return Summary(f"Run {record.name}", verdict, "bad" if found else "plain", lines, [found])
 
 
 @figures.register

@@ -23,13 +23,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.view.poses import Poses
 from omnimj.view.wording import Span, fault_spans
 
-Array = NDArray[np.float64]
 BACKENDS = ("osmesa", "egl")
-_SUPERSAMPLING = 2  # samples per pixel and direction: multisampling alone leaves shadow edges rough
+SUPERSAMPLING = 2
+"""Samples per pixel and direction: multisampling alone leaves the edges of shadows rough."""
 _TRAIL_RADIUS = 0.004  # [m] of the line that shows a path
 _TIMEOUT = 90.0  # [s], enough for a software renderer on a slow machine
 HOW_TO_RENDER = (
@@ -138,15 +138,7 @@ def picture_of_run(
     path: Path,
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """Render the machine half-way along the path driven during its first fault, else along the whole path.
-
-    Args:
-      poses: Poses of the machine.
-      trace: Signals of the run, for the driven path on the floor where known.
-      metrics: Content of `metrics.json`, for the faults.
-      path: PNG file to write.
-      backends: As in `render`.
-    """
+    """Render the machine half-way along the path driven during its first fault, else along the whole path."""
     spans = fault_spans(metrics, float(trace["time"][-1]))
     k = _half_way(poses, spans[0] if spans else None)
     until = trace["time"] <= poses.time[k]
@@ -225,7 +217,7 @@ def frames(
     Yields:
       RGB pixels, shape (height, width, 3).
     """
-    width, height = (_SUPERSAMPLING * side for side in size)
+    width, height = (SUPERSAMPLING * side for side in size)
     mj_model.vis.global_.offwidth, mj_model.vis.global_.offheight = width, height
     mj_model.vis.quality.offsamples = 4
     mj_data, eye = mujoco.MjData(mj_model), mujoco.MjvCamera()
@@ -233,35 +225,53 @@ def frames(
     with mujoco.Renderer(mj_model, height, width) as renderer:
         for qpos, camera, trail in shots:
             mj_model.light_pos[:, :2] = lamps[:, :2] + camera.target[:2]
-            mj_data.qpos[:] = qpos
-            mujoco.mj_kinematics(mj_model, mj_data)
-            mujoco.mj_comPos(mj_model, mj_data)
-            mujoco.mj_camlight(mj_model, mj_data)
+            place(mj_model, mj_data, qpos)
             eye.lookat[:], eye.distance = camera.target, camera.distance
             eye.azimuth, eye.elevation = camera.azimuth, camera.elevation
             renderer.update_scene(mj_data, eye)
-            _add_trail(renderer.scene, trail)
-            blocks = renderer.render().reshape(size[1], _SUPERSAMPLING, size[0], _SUPERSAMPLING, 3)
-            yield np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+            add_path(renderer.scene, trail, (0.0, 0.447, 0.698), _TRAIL_RADIUS)
+            yield smoothed(renderer.render(), size)
 
 
-def _add_trail(scene: mujoco.MjvScene, points: Array) -> None:
-    """Add a path on the floor, shape (k, 2) [m], as thin capsules within the capacity of the scene."""
-    room = min(len(points) - 1, scene.maxgeom - scene.ngeom, 400)
+def place(mj_model: mujoco.MjModel, mj_data: mujoco.MjData, qpos: Array) -> None:
+    """Put the machine and its lights in a pose, generalised positions of shape (nq,)."""
+    mj_data.qpos[:] = qpos
+    mujoco.mj_kinematics(mj_model, mj_data)
+    mujoco.mj_comPos(mj_model, mj_data)
+    mujoco.mj_camlight(mj_model, mj_data)
+
+
+def smoothed(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Average `SUPERSAMPLING` pixels per direction to a picture of a width and height."""
+    blocks = pixels.reshape(size[1], SUPERSAMPLING, size[0], SUPERSAMPLING, 3)
+    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def add_path(
+    scene: mujoco.MjvScene,
+    points: Array,
+    color: tuple[float, float, float],
+    radius: float,
+    most: int = 400,
+) -> None:
+    """Add a path on the floor as thin capsules within the capacity of the scene.
+
+    Args:
+      scene: Scene of a renderer.
+      points: Positions, shape (k, 2) [m].
+      color: Red, green and blue, 0 … 1.
+      radius: Radius of the capsules [m].
+      most: Largest number of capsules.
+    """
+    room, rgba = min(len(points) - 1, scene.maxgeom - scene.ngeom, most), np.array([*color, 1.0], np.float32)
     if room < 1:
         return
     kept = points[np.linspace(0, len(points) - 1, room + 1).astype(int)]
-    for first, second in itertools.pairwise(kept):
-        geom = scene.geoms[scene.ngeom]
-        rgba = np.array([0.0, 0.447, 0.698, 1.0], np.float32)
-        mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
-        mujoco.mjv_connector(
-            geom,
-            mujoco.mjtGeom.mjGEOM_CAPSULE,
-            _TRAIL_RADIUS,
-            np.array([*first, _TRAIL_RADIUS]),
-            np.array([*second, _TRAIL_RADIUS]),
-        )
+    for ends in itertools.pairwise(kept):
+        geom, capsule = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
+        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
+        first, second = (np.array([*end, radius]) for end in ends)
+        mujoco.mjv_connector(geom, capsule, radius, first, second)
         scene.ngeom += 1
 
 

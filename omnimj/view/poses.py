@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.simulate.scenario.scenario import Scenario
 
-Array = NDArray[np.float64]
 WHEEL_BODY = re.compile(r"^wheel_(\d+)")
 _FIRST_HIDDEN_GROUP = 3  # MuJoCo's viewer shows groups 0 to 2; collision geoms are in group 3
 
@@ -130,10 +129,6 @@ def wheel_bodies(mj_model: mujoco.MjModel, groups: list[list[int]] | None = None
     """Return the bodies that turn on a wheel's axle, in the order of the wheels.
 
     A wheel is a body with rollers: two or more identical children.
-
-    Args:
-      mj_model: Visible model.
-      groups: Result of `identical_bodies`; computed if None.
     """
     groups = identical_bodies(mj_model) if groups is None else groups
     parents = {int(mj_model.body_parentid[group[0]]) for group in groups}
@@ -216,13 +211,35 @@ def _matrices(quaternion: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
+def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
+    """Convert position, heading and wheel angles of a robot to its generalised positions.
+
+    All other joints keep the model's reference position.
+
+    Args:
+      mj_model: Model of the robot with n wheels.
+      coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
+
+    Returns:
+      Generalised positions, shape (k, nq).
+    """
+    qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
+    half = 0.5 * coordinates[:, 2]
+    (free,) = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[:1]
+    first = mj_model.jnt_qposadr[free]
+    qpos[:, first : first + 2] = coordinates[:, :2]
+    qpos[:, first + 3], qpos[:, first + 6] = np.cos(half), np.sin(half)
+    for column, body in enumerate(wheel_bodies(mj_model), start=3):
+        qpos[:, mj_model.jnt_qposadr[mj_model.body_jntadr[body]]] = coordinates[:, column]
+    return qpos
+
+
 def poses_from_trace(
     mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0, turned: Array | None = None
 ) -> Poses:
     """Compute poses from the driven path, for runs without recorded poses (planar model, hardware).
 
-    The free joint follows `x`, `y`, `heading`; wheel hinges turn by the integral of `wheel_speed_i`; all
-    other joints keep the model's reference position.
+    The wheels turn by the integral of `wheel_speed_i`.
 
     Args:
       mj_model: Model of the robot.
@@ -231,24 +248,11 @@ def poses_from_trace(
       turned: Wheel angles at the start of the trace, shape (n,) [rad].
     """
     keep = thin(trace["time"], rate)
-    qpos = np.tile(mj_model.qpos0, (len(keep), 1))
-    free = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    if len(free):
-        first = mj_model.jnt_qposadr[free[0]]
-        heading = trace["heading"][keep]
-        qpos[:, first] = trace["x"][keep]
-        qpos[:, first + 1] = trace["y"][keep]
-        zero = np.zeros(len(keep))
-        qpos[:, first + 3 : first + 7] = np.stack(
-            [np.cos(heading / 2), zero, zero, np.sin(heading / 2)], axis=1
-        )
     step = np.diff(trace["time"], prepend=trace["time"][0])
-    for i, body in enumerate(wheel_bodies(mj_model), start=1):
-        angle = np.cumsum(trace[f"wheel_speed_{i}"] * step)[keep]
-        if turned is not None:
-            angle += turned[i - 1]
-        qpos[:, mj_model.jnt_qposadr[mj_model.body_jntadr[body]]] = angle
-    return Poses(mj_model, trace["time"][keep], qpos)
+    angles = np.cumsum(trace.wheels("wheel_speed") * step[:, None], axis=0)[keep]
+    place = np.column_stack([trace[name][keep] for name in ("x", "y", "heading")])
+    coordinates = np.column_stack([place, angles if turned is None else angles + turned])
+    return Poses(mj_model, trace["time"][keep], robot_poses(mj_model, coordinates))
 
 
 def visible_model(scenario: Scenario) -> mujoco.MjModel:
@@ -262,16 +266,13 @@ def visible_model(scenario: Scenario) -> mujoco.MjModel:
 def visible_poses(
     scenario: Scenario, trace: Trace, time: Array | None = None, qpos: Array | None = None
 ) -> Poses | None:
-    """Return the poses of a run for its recording and picture.
+    """Return the poses of a run for its recording and picture; None if the motion of the machine is unknown.
 
     Args:
       scenario: Scenario of the run.
       trace: Signals of the run; without recorded poses, a robot follows `x`, `y`, `heading` and wheel speeds.
       time: Times of the recorded poses, shape (k,) [s].
       qpos: Recorded poses, shape (k, nq).
-
-    Returns:
-      Poses; None if the motion of the machine is unknown.
 
     Raises:
       ValueError: The poses are not those of the machine in the scenario.

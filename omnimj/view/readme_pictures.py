@@ -11,13 +11,14 @@ import functools
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from omnimj.estimate.gap.find import find_gap
@@ -47,6 +48,7 @@ _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.
 _WHEELS_CAMERA = Camera(target=(0.0, 0.0, 0.04), distance=0.74, azimuth=140.0, elevation=-24.0)
 _ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (560, 360)  # [pixels]
 _FRAME_RATE = 15  # [1/s]
+_CLOSE = 0.72  # [m] distance of the camera from the machine in the gallery
 _BROWSER, _SCREEN = "chromium", "1200,860"  # [pixels]
 _HEADING = 22  # [pixels]
 _STILL = r"<figcaption><b>([^<]*)</b>[^<]*</figcaption>.*?<div class='still'>"
@@ -150,8 +152,6 @@ class Shot:
     scenario: str
     time: float
     """Time in the scenario [s]."""
-    distance: float = 0.72
-    """Distance of the camera from the machine [m]."""
     azimuth: float = 140.0
     """Azimuth of the camera [°]."""
     elevation: float = -34.0
@@ -185,15 +185,22 @@ def _drive(name: str) -> tuple[mujoco.MjModel, PoseTrack, Array]:
 
 def make_gallery(path: Path) -> None:
     """Render six scenarios in close-up on one sheet."""
-    width, height = _SHOT_SIZE
-    rows = -(-len(GALLERY) // _COLUMNS)
-    sheet = np.full((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3), 255, np.uint8)
-    for number, shot in enumerate(GALLERY):
+    pictures = []
+    for shot in GALLERY:
         mj_model, poses, trail = _drive(shot.scenario)
         k = int(np.argmin(np.abs(poses.time - shot.time)))
         x, y, _ = camera_at(mj_model, poses.position[k]).target
-        camera = Camera((x, y, shot.height), shot.distance, shot.azimuth, shot.elevation)
-        (pixels,) = frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
+        camera = Camera((x, y, shot.height), _CLOSE, shot.azimuth, shot.elevation)
+        pictures += frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
+    _save_sheet(pictures, path)
+
+
+def _save_sheet(pictures: Sequence[NDArray[np.uint8]], path: Path) -> None:
+    """Arrange pictures of `_SHOT_SIZE` on white, row by row."""
+    width, height = _SHOT_SIZE
+    rows = -(-len(pictures) // _COLUMNS)
+    sheet = np.full((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3), 255, np.uint8)
+    for number, pixels in enumerate(pictures):
         row, column = divmod(number, _COLUMNS)
         top, left = row * (height + _GAP), column * (width + _GAP)
         sheet[top : top + height, left : left + width] = pixels
@@ -202,14 +209,9 @@ def make_gallery(path: Path) -> None:
 
 def make_wheels(path: Path) -> None:
     """Render robots on omni and mecanum wheels, as `omnimj robot` writes them, on one sheet."""
-    width, height = _SHOT_SIZE
-    sheet = np.full((height, len(LAYOUTS) * (width + _GAP) - _GAP, 3), 255, np.uint8)
-    for column, layout in enumerate(LAYOUTS):
-        mj_model = mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout)))
-        (pixels,) = frames(mj_model, [(mj_model.qpos0, _WHEELS_CAMERA, np.empty((0, 2)))], _SHOT_SIZE)
-        left = column * (width + _GAP)
-        sheet[:, left : left + width] = pixels
-    Image.fromarray(sheet).save(path)
+    models = [mujoco.MjModel.from_xml_string(robot_file(wheeled_robot(layout))) for layout in LAYOUTS]
+    shots = [(model, [(model.qpos0, _WHEELS_CAMERA, np.empty((0, 2)))]) for model in models]
+    _save_sheet([pixels for model, shot in shots for pixels in frames(model, shot, _SHOT_SIZE)], path)
 
 
 def make_robot(path: Path) -> None:
@@ -234,12 +236,7 @@ def make_animation(path: Path) -> None:
 
 
 def arrange_tuning(report: Path, path: Path) -> None:
-    """Arrange the still pictures of a report of `omnimj tune` in two columns, with their headings.
-
-    Args:
-      report: HTML file that the command wrote.
-      path: SVG file to write.
-    """
+    """Arrange the still pictures of a report of `omnimj tune` in two columns, with their headings."""
     figures = re.findall(_STILL, report.read_text(encoding="utf-8"), re.DOTALL)
     parts, (width, top) = [], (2 * WIDTH, 0)
     for row in range(0, len(figures), 2):

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -26,13 +25,14 @@ from omnimj.plant.mujoco.assembly import robot_model
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.rerun.dead_reckoning import integrated, robot_poses
+from omnimj.view.picture import SUPERSAMPLING, add_path, place, smoothed
+from omnimj.view.poses import robot_poses
+from omnimj.view.rerun.dead_reckoning import integrated
 from omnimj.view.rerun.side_by_side import side_by_side
 
 _SIZE = 1000, 520  # [pixels]
-_SAMPLES = 2  # per pixel and direction
 _RADIUS = 0.006  # [m] of a path
-_POINTS = 150  # of a path
+_POINTS = 150  # most capsules of a path
 _COLORS = {"measured": palette.MEASURED, "twin": palette.ACCENT, "rolling": palette.MUTED}
 _WORDS = {"measured": "real robot", "twin": "twin", "rolling": "wheels without slip"}
 
@@ -46,18 +46,7 @@ class Line(NamedTuple):
 
 
 def make_twin_picture(path: Path, found: DriveValidation, run: str, robot: Robot, floor: Floor) -> None:
-    """Render a run of a validation with both robots at its end.
-
-    Args:
-      path: PNG file to write.
-      found: The validation, on the twin at least.
-      run: Name of the run.
-      robot: The model.
-      floor: The run's floor.
-
-    Raises:
-      UnknownNameError: No such run.
-    """
+    """Render a run of a validation with both robots at its end."""
     by_plant = {one.plant: one for one in found.runs if one.run == run}
     if "twin" not in by_plant:
         raise UnknownNameError("picture", "run", run, tuple(dict.fromkeys(one.run for one in found.runs)))
@@ -79,7 +68,7 @@ def _last(mj_model: mujoco.MjModel, run: DrivenRun, pose: Array) -> Array:
 
 def _rendered(mj_model: mujoco.MjModel, qpos: dict[str, Array], lines: Sequence[Line]) -> NDArray[np.uint8]:
     """Pixels of both robots and all paths, shape (height, width, 3)."""
-    width, height = (_SAMPLES * side for side in _SIZE)
+    width, height = (SUPERSAMPLING * side for side in _SIZE)
     mj_model.vis.global_.offwidth, mj_model.vis.global_.offheight = width, height
     eye = _camera([line.points for line in lines])
     mj_model.light_pos[:, :2] += eye.lookat[:2]
@@ -90,17 +79,14 @@ def _rendered(mj_model: mujoco.MjModel, qpos: dict[str, Array], lines: Sequence[
         moving = int(mujoco.mjtCatBit.mjCAT_DYNAMIC)
         mujoco.mjv_addGeoms(mj_model, real, mujoco.MjvOption(), mujoco.MjvPerturb(), moving, scene)
         for line in lines:
-            _add_line(scene, line)
-        blocks = renderer.render().reshape(_SIZE[1], _SAMPLES, _SIZE[0], _SAMPLES, 3)
-    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+            red, green, blue = (channel / 255.0 for channel in palette.rgb(line.color))
+            add_path(scene, line.points, (red, green, blue), _RADIUS, _POINTS)
+        return smoothed(renderer.render(), _SIZE)
 
 
 def _placed(mj_model: mujoco.MjModel, qpos: Array) -> mujoco.MjData:
     mj_data = mujoco.MjData(mj_model)
-    mj_data.qpos[:] = qpos
-    mujoco.mj_kinematics(mj_model, mj_data)
-    mujoco.mj_comPos(mj_model, mj_data)
-    mujoco.mj_camlight(mj_model, mj_data)
+    place(mj_model, mj_data, qpos)
     return mj_data
 
 
@@ -114,19 +100,6 @@ def _camera(paths: Sequence[Array]) -> mujoco.MjvCamera:
     eye.distance = 0.5 + 0.75 * float(np.hypot(*(high - low)))
     eye.azimuth, eye.elevation = float(np.degrees(np.arctan2(away[1], away[0]))) + 90.0, -52.0
     return eye
-
-
-def _add_line(scene: mujoco.MjvScene, line: Line) -> None:
-    kept = line.points[np.unique(np.linspace(0, len(line.points) - 1, _POINTS).astype(int))]
-    rgba = np.array([*(channel / 255.0 for channel in palette.rgb(line.color)[:3]), 1.0], np.float32)
-    for ends in itertools.pairwise(kept):
-        if scene.ngeom >= scene.maxgeom:
-            return
-        geom, capsule = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
-        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
-        places = [np.array([*end, _RADIUS]) for end in ends]
-        mujoco.mjv_connector(geom, capsule, _RADIUS, places[0], places[1])
-        scene.ngeom += 1
 
 
 def _write_legend(image: Image.Image) -> None:

@@ -187,6 +187,11 @@ def number(value: object, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
+def percent(ratio: float) -> str:
+    """Format a ratio in percent; a dash where it is not finite."""
+    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "–"
+
+
 def measure(value: object, unit: str) -> str:
     """Format a number with its unit, an angle also in degrees as in plots."""
     if value is None:
@@ -245,12 +250,7 @@ class RecoveryPeriod:
 
 
 def recovery_periods(trace: Trace, metrics: Mapping[str, Any]) -> list[RecoveryPeriod]:
-    """Return the recovery modes of a run in the order of their first use, without normal driving.
-
-    Args:
-      trace: Signals of the run.
-      metrics: Content of `metrics.json`, for the diagnosed wheels.
-    """
+    """Return the recovery modes of a run in the order of their first use, without normal driving."""
     found: dict[tuple[str, str], list[Span]] = {}
     sentences: dict[str, str] = dict(zip(MODE_NAMES, MODE_CONSEQUENCES, strict=True))
     for span in recovery_spans(trace):

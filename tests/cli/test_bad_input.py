@@ -55,7 +55,7 @@ def test_an_unknown_command_or_scenario_is_refused_in_one_line(refused: Refused,
             for seed in ("x", "-1", "1.5", "", "1_0", "inf")
         ),
         (["--seed", "9" * 5000], "must be a whole number, at least 0"),
-        (["--seed", str(2**63)], f"below {2**63}"),
+        (["--seed", str(2**63)], f"at most {2**63 - 1}"),
         (["--seed"], "expected one argument"),
         (
             ["--plant", ""],

@@ -8,8 +8,8 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from called_commands import called_compiled
 
-from omnimj.cli.main import main
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace
 from omnimj.simulate.loop import LARGEST_TRUTH
@@ -30,19 +30,13 @@ def breaking(monkeypatch, at: int, growth: float = 1.0) -> None:
     monkeypatch.setattr(PlanarRobot, "truth", broken)
 
 
-def called(capsys, *argv: str) -> tuple[int, str, list[str]]:
-    code = main(list(argv))
-    out, err = capsys.readouterr()
-    return code, out, [line for line in err.splitlines() if not line.startswith("compiling")]
-
-
 @pytest.mark.parametrize("json_too", [(), ("--json",)])
 def test_what_was_recorded_until_then_is_written_and_one_line_reports_it(
     capsys, tmp_path, monkeypatch, plain_files, json_too
 ):
     folder = tmp_path / "run"
     breaking(monkeypatch, 120)
-    code, out, lines = called(capsys, *RUN, *json_too, "--out", str(folder))
+    code, out, lines = called_compiled(capsys, *RUN, *json_too, "--out", str(folder))
     assert code == 1 and out == ""
     (line,) = lines
     assert line.startswith("omnimj: at 0.1200 s: x is nan") and line.endswith(f"is in {folder}")
@@ -58,7 +52,7 @@ def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(
     capsys, tmp_path, monkeypatch, unrendered
 ):
     breaking(monkeypatch, 200, growth=1.5)
-    code, _, lines = called(capsys, *RUN, "--out", str(tmp_path / "run"))
+    code, _, lines = called_compiled(capsys, *RUN, "--out", str(tmp_path / "run"))
     assert all((tmp_path / "run" / name).stat().st_size > 1000 for name in ("report.html", "run.rrd"))
     assert code == 1 and len(lines) == 1 and "normal_force_1 is 1" in lines[0]
     trace = read_trace(tmp_path / "run" / "trace.parquet")
@@ -68,11 +62,11 @@ def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(
 @pytest.mark.parametrize("at", [0, 1])
 def test_a_run_without_two_rows_leaves_no_folder(capsys, tmp_path, monkeypatch, at):
     breaking(monkeypatch, at)
-    code, out, lines = called(capsys, *RUN, "--out", str(tmp_path / "run"))
+    code, out, lines = called_compiled(capsys, *RUN, "--out", str(tmp_path / "run"))
     assert code == 1 and out == "" and not (tmp_path / "run").exists()
     assert len(lines) == 1 and f"at 0.00{at}0 s: x is nan" in lines[0]
 
 
 def test_a_run_that_does_not_break_down_has_no_failure(capsys):
-    code, out, _ = called(capsys, *RUN, "--json")
+    code, out, _ = called_compiled(capsys, *RUN, "--json")
     assert code == 0 and json.loads(out)["failure"] is None

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from called_commands import called
 
 from omnimj.cli.main import main, make_parser
 from omnimj.cli.progress import ProgressBar
@@ -24,13 +25,6 @@ from omnimj.resources import scenarios_folder
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 SHORT = ("run", "nylon_patch", "--plant", "planar")
 QUICK = (*SHORT, "--set", "duration=0.2", "--set", "checks={}")
-
-
-def called(capsys, *argv: str) -> tuple[int, str, str]:
-    """Exit code, stdout, stderr."""
-    code = main(list(argv))
-    out, err = capsys.readouterr()
-    return code, out, err
 
 
 def refused(capsys, *argv: str) -> str:

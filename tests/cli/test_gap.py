@@ -11,9 +11,9 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from called_commands import called
 from made_findings import FINDINGS, rig_named, rig_unexplained
 
-from omnimj.cli.main import main
 from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.files import new_model_text
@@ -62,12 +62,6 @@ def plain_views(monkeypatch):
 def few_figures(monkeypatch, undrawn):
     """Figures of one run on the report: they take most of its time, and others test what is in them."""
     monkeypatch.setattr("omnimj.view.report.gap.MOST_FIGURES", 1)
-
-
-def called(capsys, *argv: str) -> tuple[int, str, str]:
-    code = main(list(argv))
-    out, err = capsys.readouterr()
-    return code, out, err
 
 
 def refused(capsys, *argv: str) -> str:

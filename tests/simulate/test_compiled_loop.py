@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nightly import three_wheels_nightly
+from same_traces import assert_same
 
 from omnimj import read_scenario
 from omnimj.control.cascade.controller import Controller
@@ -39,14 +40,6 @@ def cut(plan: Reference, rows: int) -> Reference:
     """First rows of a reference."""
     arrays = {f.name: getattr(plan, f.name) for f in dataclasses.fields(plan) if f.name != "is_path"}
     return Reference(**{name: array[:rows] for name, array in arrays.items()}, is_path=plan.is_path)
-
-
-def assert_same(first, second):
-    assert list(first.columns) == list(second.columns)
-    for name in first.columns:
-        assert np.array_equal(first[name], second[name], equal_nan=True), name
-    about = ({k: v for k, v in trace.about.items() if k != "realtime_factor"} for trace in (first, second))
-    assert next(about) == next(about)
 
 
 def both(make_plant_of_run, controller, plan, callbacks=(loop.NO_CALLBACKS, loop.NO_CALLBACKS)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from same_traces import assert_same
 
 from omnimj import read_scenario
 from omnimj.effects import with_effects
@@ -45,14 +46,6 @@ def planar(rig=RIG, **options):
 
 def twin(rig=RIG, **options):
     return RigTwin(rig, FLOORS["natural_stone"], seed=4, **options)
-
-
-def assert_same(first, second):
-    assert list(first.columns) == list(second.columns)
-    for name in first.columns:
-        assert np.array_equal(first[name], second[name], equal_nan=True), name
-    about = ({k: v for k, v in trace.about.items() if k != "realtime_factor"} for trace in (first, second))
-    assert next(about) == next(about)
 
 
 def both(make, callbacks=(loop.NO_CALLBACKS, loop.NO_CALLBACKS), current=CURRENT):

@@ -11,7 +11,7 @@ import pytest
 from inline_executor import InlineExecutor, quiet
 
 from omnimj.errors import InputError
-from omnimj.studies.runner import StudyFolder, TrialFolder, read_json, run_guarded, run_study
+from omnimj.studies.runner import StudyFolder, TrialFolder, guarded, read_json, run_study
 from omnimj.studies.workers import Progress, WorkerPool
 
 PLAN = {"seed": 3, "floors": ("pvc", "paperboard"), "limit": math.inf}
@@ -97,12 +97,12 @@ def test_a_broken_or_unreadable_trial_is_not_finished_and_another_truth_is_refus
 
 
 def test_a_guarded_trial_gives_json_or_the_place_of_its_error():
-    found = run_guarded(lambda: {"a": np.array([1.0, math.nan]), "b": (np.int64(2), math.inf)})
+    found = guarded(lambda: {"a": np.array([1.0, math.nan]), "b": (np.int64(2), math.inf)})()
     assert json.loads(json.dumps(found, allow_nan=False)) == {"a": [1.0, None], "b": [2, None]}
-    error = run_guarded(lambda: {"a": 1 / 0})["error"]
+    error = guarded(lambda: {"a": 1 / 0})()["error"]
     assert error.startswith("ZeroDivisionError") and "test_runner.py:" in error
     with pytest.raises(KeyboardInterrupt):
-        run_guarded(interrupt)
+        guarded(interrupt)()
 
 
 def interrupt() -> dict[str, int]:

@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from browser import chromium
 from diagnosed_runs import LONG, diagnosis_record, with_robust
 from PIL import Image
 
@@ -21,6 +22,14 @@ from omnimj.signals import Trace
 from omnimj.view.picture import Picture
 from omnimj.view.poses import Poses, poses_from_trace
 from omnimj.view.report.run import write_report
+
+
+@pytest.fixture(scope="session")
+def browser() -> str:
+    found = chromium()
+    if found is None:
+        pytest.skip("no Chromium on this machine: pages are not looked at")
+    return found
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import chromium, operate
+from browser import operate
 from diagnosed_runs import with_robust
 
 from omnimj.diagnosis.replay import RunDiagnosis
@@ -27,14 +27,6 @@ pointer(canvas(panel), 'down', at(0.25), high); await pause(50);
 for (const share of [0.3, 0.4, 0.5]) { pointer(canvas(panel), 'move', at(share), high); await pause(50); }
 pointer(canvas(panel), 'up', at(0.5), high); await pause(200);
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> str:
-    found = chromium()
-    if found is None:
-        pytest.skip("no Chromium on this machine: plots are not operated")
-    return found
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from browser import chromium, on_a_phone
+from browser import on_a_phone
 from diagnosed_runs import LONG
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
@@ -25,7 +25,7 @@ from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.studies import workers
 from omnimj.studies.statistics import Table
-from omnimj.view.report.evaluation import write_benchmark_report
+from omnimj.view.report.evaluation import write_tables_report
 from omnimj.view.report.gap import write_gap_report
 from omnimj.view.report.page import command_line, table
 from omnimj.view.report.sensitivity import write_sensitivity_report
@@ -78,7 +78,7 @@ def written(tmp_path_factory, rig_data, robot_file, compared_file, rig_file) -> 
         elif kind == "benchmark":
             words = "why this case was or was not solved, in a sentence that is longer than a phone is wide"
             cases = Table("Cases", ("case", "truth", "found", "words"), (("1", "slope", LONG, words),))
-            write_benchmark_report(out / "report.html", ("130 cases",), (cases,))
+            write_tables_report(out / "report.html", "Benchmark", ("130 cases",), (cases,), "benchmark.json")
         elif kind == "sensitivity":
             studies = [study_of("speed", "m/s", 0.0), study_of("tracking_error_max", "m", 0.0)]
             write_sensitivity_report(out / "report.html", outcome_of(*studies))
@@ -98,14 +98,6 @@ def written(tmp_path_factory, rig_data, robot_file, compared_file, rig_file) -> 
         return out / "report.html"
 
     return page_of
-
-
-@pytest.fixture(scope="module")
-def browser() -> str:
-    found = chromium()
-    if found is None:
-        pytest.skip("no Chromium on this machine: what a phone shows is not looked at")
-    return found
 
 
 @pytest.mark.parametrize("kind", representative(*LOOKED_AT, *others(*LOOKED_AT), keep=len(LOOKED_AT)))

@@ -9,7 +9,7 @@ import zlib
 from pathlib import Path
 
 import pytest
-from browser import chromium, operate
+from browser import operate
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
 from nightly import representative
@@ -29,14 +29,6 @@ const type = words => { field.value = words; field.dispatchEvent(new Event('inpu
 const drawn = async part => { while (!find(part, 'bk-Figure').length) await pause(50); };
 const shown = found => found.filter(e => getComputedStyle(e).display !== 'none').map(e => e.dataset.run);
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> str:
-    found = chromium()
-    if found is None:
-        pytest.skip("no Chromium on this machine: plots are not operated")
-    return found
 
 
 @pytest.fixture(scope="module")

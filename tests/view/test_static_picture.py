@@ -11,7 +11,7 @@ import hypothesis.extra.numpy as hnp
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from browser import chromium, run
+from browser import run
 from hypothesis import given, settings
 from test_report import Page
 
@@ -299,14 +299,6 @@ def test_a_file_is_a_picture_of_its_own_on_white(robot_trace):
     assert picture[0].get("fill") == "white"
     assert picture.get("viewBox") == f"0 0 {picture.get('width')} {picture.get('height')}"
     assert int(picture.get("height")) == drawing.height
-
-
-@pytest.fixture(scope="module")
-def browser() -> str:
-    found = chromium()
-    if found is None:
-        pytest.skip("no Chromium on this machine: pages are not looked at")
-    return found
 
 
 def test_the_static_picture_is_shown_only_where_scripts_do_not_run(pages, browser, tmp_path):

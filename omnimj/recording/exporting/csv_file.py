@@ -12,11 +12,7 @@ from omnimj.recording.importing.units import split_unit
 
 
 def write_csv(path: Path, run: ExportedRun) -> None:
-    """Write a run as CSV, in full or not at all; a value that is not a number is an empty cell.
-
-    Raises:
-      OutputError: The file cannot be written.
-    """
+    """Write a run as CSV, in full or not at all; a value that is not a number is an empty cell."""
     heads = [_head(name, unit) for name, unit in run.units.items()]
     columns = [values.tolist() for values in run.columns.values()]
     with atomic_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:

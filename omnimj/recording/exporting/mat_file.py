@@ -20,9 +20,6 @@ def write_mat(path: Path, run: ExportedRun) -> None:
 
     `units.NAME` is the unit of the variable NAME, `names.NAME` the column's own name where MATLAB does not
     accept it, `about` the description of the run as JSON.
-
-    Raises:
-      OutputError: The file cannot be written.
     """
     from scipy.io import savemat
 

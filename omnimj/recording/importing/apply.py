@@ -37,11 +37,6 @@ def apply_mapping(table: SourceTable, mapping: LogMapping, name: str) -> Importe
     Rows whose time repeats are left out, and so is the first row where a column is a difference. In stale
     rows a difference keeps its last value; the row after them has the mean change over the pause.
 
-    Args:
-      table: The log.
-      mapping: Its mapping.
-      name: Name of the run.
-
     Raises:
       InputError: A needed cell is empty or not finite, time decreases, or a unit does not fit its column.
       UnknownNameError: The log lacks a column; the message lists its columns.
@@ -181,11 +176,7 @@ def _change_per_time(reading: Array, time: Array, wrap: float | None, stale: NDA
 
 
 def _scaled(table: SourceTable, target: str, rule: ColumnSource, reading: Array) -> Array:
-    """Convert a reading to the SI unit of its column.
-
-    Raises:
-      InputError: Its unit is not that of the column, and no scale is given.
-    """
+    """Convert a reading to the SI unit of its column."""
     written = rule.unit if rule.unit is not None else table.columns[rule.source].unit
     unit, needed = find_unit(written), target_unit(target)
     factor = unit.factor if unit is not None else 1.0

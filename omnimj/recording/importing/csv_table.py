@@ -70,11 +70,7 @@ def read_csv(path: Path, given: Dialect | None = None) -> SourceTable:
 
 
 def _lines(path: Path) -> list[str]:
-    """Lines of a text file.
-
-    Raises:
-      InputError: It holds zero bytes, as no text does.
-    """
+    """Lines of a text file."""
     content = path.read_bytes()
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
     try:
@@ -95,11 +91,7 @@ def _one_spaced(line: str) -> str:
 def _whole_rows(
     path: Path, lines: Sequence[str], rows: list[int], separator: str, width: int
 ) -> tuple[list[int], list[str]]:
-    """Check that every row has all its cells; leave out a last row that is cut off.
-
-    Raises:
-      InputError: A row before the last has another number of cells.
-    """
+    """Check that every row has all its cells; leave out a last row that is cut off."""
     for place, k in enumerate(rows):
         line = lines[k]
         if '"' in line or separator == SPACES:

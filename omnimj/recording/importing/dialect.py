@@ -90,11 +90,6 @@ def is_number(cell: str, decimal: str) -> bool:
 def find_dialect(place: object, lines: Sequence[str], given: Dialect | None = None) -> Dialect:
     """Find the dialect of a file by its first lines.
 
-    Args:
-      place: File, for messages.
-      lines: Its lines.
-      given: What is known of it.
-
     Raises:
       InputError: No separator gives rows of numbers, or a given line does not exist.
     """

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml
+from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml, require_keys
 from omnimj.recording.dataset import PLANT_COLUMNS
 from omnimj.recording.dataset_file import CONDITION_KEYS, POSE_MEASURED
 from omnimj.recording.importing.dialect import DECIMALS, SEPARATORS, Dialect
@@ -96,7 +96,7 @@ def read_mapping(path: Path) -> LogMapping:
       UnknownNameError: A plant or key does not exist; the message lists the choices.
     """
     tree = read_toml(path)
-    _require_keys(path, tree, _TOP)
+    require_keys(path, tree, _TOP)
     plant = _choice(f"{path}: plant", tree.get("plant"), PLANTS, "plant")
     entries = check_table(f"{path}: [columns]", tree.get("columns", {}))
     columns = {name: _column(f"{path}: columns.{printable(name)}", entry) for name, entry in entries.items()}
@@ -125,7 +125,7 @@ def _column(place: str, entry: Any) -> ColumnSource:
     if not isinstance(entry, Mapping):
         raise InputError(place, f"found {entry!r}", _EXAMPLE)
     keys = ["from" if f.name == "source" else f.name for f in fields(ColumnSource)]
-    _require_keys(place, entry, keys)
+    require_keys(place, entry, keys)
     if "from" not in entry:
         raise InputError(place, "'from' is missing", _EXAMPLE)
     unit = check_text(f"{place}.unit", entry["unit"]) if "unit" in entry else None
@@ -153,7 +153,7 @@ def _column(place: str, entry: Any) -> ColumnSource:
 
 def _dialect(place: str, entry: Any) -> Dialect:
     names = [f.name for f in fields(Dialect)]
-    _require_keys(place, check_table(place, entry), names)
+    require_keys(place, check_table(place, entry), names)
     lines = {
         name: int(check_number(f"{place}.{name}", entry[name], _LINES, whole=True))
         for name in names
@@ -172,7 +172,7 @@ def _dialect(place: str, entry: Any) -> Dialect:
 def _topics(place: str, entry: Any) -> TopicChoice | None:
     if entry is None:
         return None
-    _require_keys(place, check_table(place, entry), [f.name for f in fields(TopicChoice)])
+    require_keys(place, check_table(place, entry), [f.name for f in fields(TopicChoice)])
     return TopicChoice(
         check_text(f"{place}: base", entry["base"]) if "base" in entry else None,
         _choice(f"{place}: join", entry.get("join", JOINS[0]), JOINS, "rule"),
@@ -183,7 +183,7 @@ def _topics(place: str, entry: Any) -> TopicChoice | None:
 def _stale(place: str, entry: Any) -> StaleRule | None:
     if entry is None:
         return None
-    _require_keys(place, check_table(place, entry), ("unchanged", "moving"))
+    require_keys(place, check_table(place, entry), ("unchanged", "moving"))
     names = {}
     for key in ("unchanged", "moving"):
         found = entry.get(key)
@@ -194,14 +194,14 @@ def _stale(place: str, entry: Any) -> StaleRule | None:
 
 
 def _rotation(place: str, entry: Any) -> float:
-    _require_keys(place, check_table(place, entry), ("rotation",))
+    require_keys(place, check_table(place, entry), ("rotation",))
     return float(check_number(f"{place}: rotation", entry.get("rotation", 0.0), _FINITE))
 
 
 def _conditions(place: str, entry: Any, keys: Sequence[str]) -> dict[str, Any]:
     """Read conditions; floors may be those of a file of the user, and are checked where they are used."""
     found: dict[str, Any] = {}
-    _require_keys(place, check_table(place, entry), keys)
+    require_keys(place, check_table(place, entry), keys)
     for key, value in entry.items():
         at = f"{place}: {key}"
         if key == "mass":
@@ -213,12 +213,6 @@ def _conditions(place: str, entry: Any, keys: Sequence[str]) -> dict[str, Any]:
         else:
             found[key] = check_text(at, value)
     return found
-
-
-def _require_keys(place: object, table: Mapping[str, Any], keys: Sequence[str]) -> None:
-    for key in table:
-        if key not in keys:
-            raise UnknownNameError(place, "key", key, keys)
 
 
 def _choice(place: str, entry: Any, choices: Sequence[str], kind: str) -> str:

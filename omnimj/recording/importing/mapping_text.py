@@ -20,11 +20,7 @@ _HEAD = """# How the columns of a log become those of a dataset; edit it, then
 
 
 def mapping_text(proposal: Proposal) -> str:
-    """Return the text of a mapping file that `read_mapping` reads back as the same mapping.
-
-    Args:
-      proposal: Mapping with remarks, which become comments.
-    """
+    """Return the text of a mapping file that `read_mapping` reads back; remarks become comments."""
     mapping = proposal.mapping
     lines = [_HEAD, "", f"plant = {toml_text(mapping.plant)}"]
     if mapping.empty != LogMapping.empty:

@@ -62,13 +62,7 @@ class Proposal:
 
 
 def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str | None = None) -> Proposal:
-    """Propose a mapping for logs of one kind.
-
-    Args:
-      tables: The logs.
-      plant: Plant of the dataset; guessed when None.
-      floor: Floor of all runs, if known.
-    """
+    """Propose a mapping for logs of one kind; the plant is guessed where it is not given."""
     columns = tables[0].columns
     found = _by_kind(columns)
     plant = plant or _plant(columns, found)
@@ -99,14 +93,7 @@ def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str 
 
 
 def missing_columns(names: Sequence[str], plant: str, pose_measured: bool | None = None) -> tuple[str, ...]:
-    """Columns that a plant needs and that are not among these names.
-
-    Args:
-      names: Columns of the dataset.
-      plant: One of `PLANT_COLUMNS`.
-      pose_measured: Whether a robot has a measured pose instead of an inertial unit; judged by the names when
-        None.
-    """
+    """List the columns that a plant needs and that are not among the names of a dataset's columns."""
     wheels = wheel_count(names)
     if pose_measured is None:
         pose_measured = bool({"x", "y", "heading"} & set(names)) and "acceleration_x" not in names

@@ -102,9 +102,6 @@ def pose_misfit(runs: Sequence[Run]) -> dict[int, float]:
     Body speeds follow from the measured pose; the layout of the wheels need not be known. A wrong sign, time,
     scale or turn of the pose that differs between runs, and wheels that slip, leave a large share.
 
-    Args:
-      runs: Runs with wheel speeds and a measured pose.
-
     Returns:
       Share 0 … 1 by number of the wheel; empty without pose or wheels.
     """

@@ -79,10 +79,6 @@ class SourceHints:
 def read_source(path: Path, hints: SourceHints | None = None) -> SourceTable:
     """Read a log of another program.
 
-    Args:
-      path: File, whose suffix tells the format, see `READERS`; or the folder of a ROS 2 bag.
-      hints: What is known of it.
-
     Raises:
       InputError: The file is missing, damaged, of another format, or holds no table of numbers.
     """
@@ -130,11 +126,7 @@ def _require_file(path: Path, is_held: bool) -> None:
 
 
 def require_size(path: Path, rows: int, columns: int) -> None:
-    """Refuse a table that is too large, as a damaged file may claim.
-
-    Raises:
-      InputError: The table has more than `MAX_NUMBERS` numbers.
-    """
+    """Refuse a table that is too large, as a damaged file may claim."""
     if rows * columns > MAX_NUMBERS:
         raise InputError(path, f"has {rows} rows of {columns} columns", f"at most {MAX_NUMBERS} numbers")
 

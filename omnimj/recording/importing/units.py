@@ -50,11 +50,7 @@ class Unit:
 
 
 def find_unit(text: str) -> Unit | None:
-    """Find a unit by the way it is written; None if it is not one.
-
-    Args:
-      text: Such as `mm/s`, `m/s²`, `deg`, `RPM` or `ticks`.
-    """
+    """Find a unit by the way it is written; None if it is not one."""
     written = text.strip()
     plain = written.lower().replace(" ", "")
     for old, new in _SPELLINGS.items():

@@ -89,10 +89,6 @@ class ImportPlan:
 def plan_import(config: ImportConfig, progress: Progress | None = None) -> ImportPlan:
     """Read logs, find or apply a mapping, and convert them.
 
-    Args:
-      config: Files, mapping, plant and floor.
-      progress: Called with the steps done and their number.
-
     Raises:
       InputError: A file or the mapping is wrong; with a mapping also where it does not fit a file.
       UnknownNameError: A name in the mapping does not exist.
@@ -142,11 +138,7 @@ def _hints(config: ImportConfig, given: LogMapping | None) -> SourceHints:
 
 
 def run_names(files: Sequence[Path]) -> list[str]:
-    """Names of the runs: stems of the files, with the folder before them where stems are alike.
-
-    Raises:
-      InputError: A file is given twice.
-    """
+    """Names of the runs: stems of the files, with the folder before them where stems are alike."""
     own = {file: file.absolute().name if file.is_dir() else file.stem for file in files}
     count = Counter(own[file] for file in files)
     names = [own[f] if count[own[f]] == 1 else f"{f.absolute().parent.name}_{own[f]}" for f in files]
@@ -261,12 +253,6 @@ def write_import(
     plan: ImportPlan, out: Path, force: bool = False, table_format: str = "parquet"
 ) -> list[str]:
     """Write the dataset, with the mapping beside its runs.
-
-    Args:
-      plan: Logs as they were understood.
-      out: Folder of the dataset.
-      force: Replace an earlier dataset that omnimj wrote.
-      table_format: `parquet` or `csv`.
 
     Returns:
       Notes on what the reader masks, and on what the dataset is good for.

@@ -309,12 +309,7 @@ def check_settings(settings: Iterable[str]) -> None:
 
 
 def nominal_scenario(case: Case, settings: Iterable[str] = ()) -> Scenario:
-    """Return the case as the nominal scenario, without faults and parameter errors.
-
-    Args:
-      case: The case.
-      settings: `KEY=VALUE` texts for method and cascade, as `check_settings` allows them.
-    """
+    """Return the case as the nominal scenario with some settings, without faults and parameter errors."""
     healthy = ("faults=[]", "checks={}", f"floor={case.floor}", f"duration={case.duration!r}")
     scenario = read_scenario(_TEMPLATE, (*healthy, *settings), case.model, case.floors_file)
     drive = dataclasses.replace(

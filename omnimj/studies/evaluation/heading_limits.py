@@ -43,11 +43,7 @@ class HeadingLimits:
 
 
 def summarize_heading(scores: Sequence[CaseScore]) -> HeadingLimits:
-    """Compare the heading of every case, with and without recovery, with its limit.
-
-    Args:
-      scores: Scores of all cases; those without a fault or without both excursions are left out.
-    """
+    """Compare the heading of every case with both excursions, with and without recovery, with its limit."""
     ratios, added, given_up = [], [], 0
     for s in scores:
         if s.heading is None or s.heading_off is None:

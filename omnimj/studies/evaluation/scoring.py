@@ -118,12 +118,7 @@ class CaseEvents:
 
 
 def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
-    """Score a case.
-
-    Args:
-      case: The case with its truth.
-      result: From `trial.drive_case`.
-    """
+    """Score a case by the result of `trial.drive_case`."""
     diagnoses: Sequence[Mapping[str, Any]] = result["method"]["diagnoses"]
     truth = case.fault_records()
     verdict = judge_diagnoses(truth, diagnoses)

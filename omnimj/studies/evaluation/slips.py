@@ -48,11 +48,7 @@ class SlipSummary:
 
 
 def summarize_slips(scores: Sequence[CaseScore]) -> SlipSummary:
-    """Summarize the cases with a single slip.
-
-    Args:
-      scores: Scores of all cases; those of other faults are left out.
-    """
+    """Summarize the cases with a single slip."""
     slips = [(s, s.slip) for s in scores if s.slip is not None]
     shown = [s for s, reached in slips if reached >= SLIPPING]
     others = [s for s, reached in slips if reached < SLIPPING]

@@ -110,22 +110,7 @@ class EvaluationResult(Displayed, Tabular):
 def run_evaluation(
     config: EvaluationConfig, report: Progress, executor: Executor | None = None
 ) -> EvaluationResult:
-    """Run the missing cases and evaluate all that are finished.
-
-    Args:
-      config: Settings.
-      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
-      executor: Runs the cases, one task each; own processes when None.
-
-    Returns:
-      The result, also after Ctrl-C.
-
-    Raises:
-      InputError: The folder holds something else or another evaluation, or cannot be written; the method is
-        unknown.
-      UnknownNameError: A suite, structure, plant, floor or fault class does not exist.
-      SimulationError: A worker died; finished cases are kept.
-    """
+    """Run the missing cases and evaluate all that are finished; arguments and errors as for `run_study`."""
     return run_study(_Evaluation(config), report, executor)
 
 

@@ -40,7 +40,7 @@ from omnimj.studies.part_use import (
 )
 from omnimj.studies.random_structure import with_structure
 from omnimj.studies.random_truth import drive_on_plant, with_errors
-from omnimj.studies.runner import run_guarded
+from omnimj.studies.runner import guarded
 
 OFF = "off"
 RECORDINGS = "recordings"
@@ -48,6 +48,7 @@ RECORDINGS = "recordings"
 _PLANT = "uto_robot"
 
 
+@guarded
 def drive_case(
     case: Case,
     method: str,
@@ -75,37 +76,23 @@ def drive_case(
       effectiveness of the wheel after 5 s of use, and of a slip the slip velocity held without any method
       [m/s]. `speed`: simulated seconds per second. Or `error`: the message of a trial that failed.
     """
-    return run_guarded(
-        lambda: {
-            "case": case.to_dict(),
-            **_drive_runs(case, method, settings, thresholds, recordings, gains),
-        }
-    )
-
-
-def _drive_runs(
-    case: Case,
-    method: str,
-    settings: Sequence[str],
-    thresholds: Thresholds | None,
-    recordings: Path | None,
-    gains: Gains | None,
-) -> dict[str, Any]:
     scenario = nominal_scenario(case, settings)
     if gains is not None:
         scenario = with_gains(scenario, gains)
     diagnosed = _run(case, scenario, case.faults, method, thresholds)
     if recordings is not None:
         write_recording(recordings, case, diagnosed)
-    speed = float(diagnosed.about["realtime_factor"])
+    truth, speed = case.to_dict(), float(diagnosed.about["realtime_factor"])
     if not case.faults:
-        return {"method": _summarize_run(diagnosed, None), "off": None, "use": [], "speed": speed}
+        summary = _summarize_run(diagnosed, None)
+        return {"case": truth, "method": summary, "off": None, "use": [], "speed": speed}
     onset = min(fault.onset for fault in case.faults)
     healthy = _run(case, scenario, (), OFF)
     without = None if method == OFF else _run(case, scenario, case.faults, OFF)
     unaided = diagnosed if without is None else without
     heading, path = departures(unaided, healthy, onset)
     return {
+        "case": truth,
         "method": _summarize_run(diagnosed, onset),
         "off": None if without is None else _summarize_run(without, onset),
         "healthy": _summarize_run(healthy, onset),
@@ -131,13 +118,7 @@ def _run(
 
 
 def make_true_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> Plant:
-    """Make the plant of a case: the true robot on the true floor.
-
-    Args:
-      case: Parameter errors, structure, kind of plant and noise.
-      scenario: Nominal robot and floors, to which the errors are relative.
-      faults: The faults of the case, or none.
-    """
+    """Make the plant of a case: the true robot on the true floor, with the given faults."""
     truth = with_errors(scenario, case.errors, case.floor)
     if case.structure is not None:
         payload = case.errors.payload * scenario.robot.body.mass

@@ -96,12 +96,7 @@ def case_from_dict(plain: Mapping[str, Any]) -> Case:
 
 
 def draw_cases(seed: int, trials: int = 1) -> list[Case]:
-    """Draw all cases in the order of their names; each trial has every kind of case.
-
-    Args:
-      seed: Seed of the cases.
-      trials: Number of times that the whole set is drawn.
-    """
+    """Draw all cases in the order of their names; each trial has every kind of case."""
     boxes = base_parameters(read_rig(), read_floors(), FLOORS, ())
     wanted: list[tuple[str, tuple[str, ...], str]] = []
     for _ in range(trials):
@@ -168,13 +163,7 @@ def _together(count: int, random: np.random.Generator) -> list[str]:
 
 
 def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> HiddenEffect:
-    """Draw one effect: some amplitudes at a size, one sign for all, shapes within the range of the runs.
-
-    Args:
-      effect: The effect.
-      size: One of `SIZES`.
-      random: Random generator.
-    """
+    """Draw one effect: some amplitudes at a size, one sign for all, shapes within the range of the runs."""
     amplitudes = effect.amplitudes
     chosen = [p for p in amplitudes if random.random() < 0.7] or [random.choice(np.array(amplitudes))]
     values: dict[str, float | str] = {p.name: float(p.null_value or 0.0) for p in amplitudes}

@@ -120,19 +120,7 @@ PLANT = "quarter_rig"
 def make_dataset(
     case: Case, folder: Path, made_by: str = "twin", seconds: float = 1.8, conditions: int = 12
 ) -> None:
-    """Drive and write all runs of a case; the folder appears in full or not at all.
-
-    Args:
-      case: The case with its truth.
-      folder: Folder of the dataset.
-      made_by: One of `MAKERS`.
-      seconds: Duration of a run [s].
-      conditions: Number of conditions.
-
-    Raises:
-      SimulationError: A run failed.
-      InputError: The folder cannot be written.
-    """
+    """Drive and write all runs of a case; the folder appears in full or not at all."""
     nominal = read_rig()
     truth = true_machine(case)
     runs = [

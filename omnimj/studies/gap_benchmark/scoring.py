@@ -90,13 +90,7 @@ class CaseScore:
 
 
 def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] | None) -> CaseScore:
-    """Score one case.
-
-    Args:
-      case: The case with its truth.
-      result: From `trial.search_case`.
-      truth: From `trial.fit_truth`; None without a hidden effect.
-    """
+    """Score one case by the results of `trial.search_case` and, with hidden effects, `trial.fit_truth`."""
     gap = result["gap"]
     labels = tuple(one.label for one in case.hidden)
     reported = [(_label(e), tuple(e["indistinguishable_from"])) for e in gap["effects"]]

@@ -22,12 +22,7 @@ _KEY, _TAG = 32, 32  # bytes
 
 
 def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
-    """Write `labels.sealed` and `labels.key`, which only its owner can read.
-
-    Raises:
-      InputError: The folder has a seal already.
-      OutputError: The folder cannot be written.
-    """
+    """Write `labels.sealed` and `labels.key`, which only its owner can read."""
     sealed, key_file = _files(folder)
     key = secrets.token_bytes(_KEY)
     text = _text(labels)
@@ -52,11 +47,7 @@ def is_sealed(folder: Path) -> bool:
 
 
 def seals_labels(folder: Path, labels: Sequence[dict[str, Any]]) -> bool:
-    """Return whether these labels are the sealed ones, without opening the seal.
-
-    Raises:
-      InputError: A file is missing.
-    """
+    """Return whether these labels are the sealed ones, without opening the seal."""
     sealed, key_file = _files(folder)
     key, content = _read(key_file), _read(sealed)
     return hmac.compare_digest(content[:_TAG], _tag(key, _text(labels)))

@@ -80,21 +80,7 @@ class BenchmarkResult:
 def run_benchmark(
     config: BenchmarkConfig, report: Progress, executor: Executor | None = None
 ) -> BenchmarkResult:
-    """Make missing datasets, search those without a result, and score all results.
-
-    Args:
-      config: Settings.
-      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
-      executor: Runs the tasks; own processes when None.
-
-    Returns:
-      The result, also after Ctrl-C.
-
-    Raises:
-      InputError: The folder holds something else or another benchmark, or cannot be written.
-      UnknownNameError: The maker or the plant does not exist.
-      SimulationError: A worker died; finished results are kept.
-    """
+    """Make missing datasets, search those without a result, and score all results; see `run_study`."""
     return run_study(_Benchmark(config), report, executor)
 
 

@@ -22,51 +22,38 @@ from omnimj.parameters import read_floors
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.studies.gap_benchmark.baselines import run_baselines
 from omnimj.studies.gap_benchmark.cases import HiddenEffect
-from omnimj.studies.runner import run_guarded
+from omnimj.studies.runner import guarded
 
 SEED = 0
 """Default seed of the workflow, which draws the hold-out."""
 
 
+@guarded
 def search_case(dataset: str) -> dict[str, Any]:
     """Run the workflow and the baselines on a dataset, given its path only.
-
-    Args:
-      dataset: Folder of the dataset.
 
     Returns:
       `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: the message.
     """
-    return run_guarded(lambda: _searched(Path(dataset)))
-
-
-def _searched(dataset: Path) -> dict[str, Any]:
     began = time.perf_counter()
-    finding = find_gap(dataset)
+    finding = find_gap(Path(dataset))
     seconds = time.perf_counter() - began
     baselines = {
         name: {"names": list(picked.names), "heldout": picked.heldout}
-        for name, picked in run_baselines(load_replay(dataset), SEED).items()
+        for name, picked in run_baselines(load_replay(Path(dataset)), SEED).items()
     }
     return {"gap": digest(finding), "seconds": seconds, "baselines": baselines}
 
 
+@guarded
 def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Fit the model with the true effects, the best result that the search could reach.
-
-    Args:
-      dataset: Folder of the dataset.
-      hidden: Hidden effects as records.
 
     Returns:
       `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. `without`: the same for
       the model without one of several effects, by its label. Or `error`.
     """
-    effects = [HiddenEffect(**one) for one in hidden]
-    return run_guarded(lambda: _fitted_truth(load_replay(Path(dataset)), effects))
-
-
-def _fitted_truth(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, Any]:
+    replay, effects = load_replay(Path(dataset)), [HiddenEffect(**one) for one in hidden]
     others = {one.label: [e for e in effects if e is not one] for one in effects if len(effects) > 1}
     without = {label: true_heldout(replay, rest) for label, rest in others.items()}
     return {"heldout": true_heldout(replay, effects), "without": without}
@@ -81,12 +68,7 @@ def load_replay(dataset: Path) -> Replay:
 
 
 def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, float]:
-    """Return channel → RMS mismatch of the true model on the held-out runs, fitted from the true values.
-
-    Args:
-      replay: The dataset with the shipped model.
-      effects: The hidden effects.
-    """
+    """Return channel → RMS mismatch of the true model on the held-out runs, fitted from the true values."""
     groups = make_groups(replay)
     out = choose_heldout(groups, SEED)
     used = ~out[groups.of_block]

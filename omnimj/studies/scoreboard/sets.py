@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml
+from omnimj.errors import InputError
+from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml, require_keys
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.importing.tables import READERS
 from omnimj.resources import models_folder
@@ -101,26 +101,16 @@ class KnownSet:
         return next((logs for name in self.folders if (logs := self.logs_in(folder / name))), ())
 
 
-def known_sets(file: Path | None = None) -> tuple[KnownSet, ...]:
-    """Read the known public sets.
-
-    Args:
-      file: TOML file; the shipped one when None.
-
-    Raises:
-      InputError: A value is missing or wrong.
-      UnknownNameError: An unknown key.
-    """
-    path = file or models_folder() / KNOWN_SETS
+def known_sets() -> tuple[KnownSet, ...]:
+    """Read the known public sets."""
+    path = models_folder() / KNOWN_SETS
     return tuple(_known_set(path, name, entry) for name, entry in read_toml(path).items())
 
 
 def _known_set(path: Path, name: str, entry: Any) -> KnownSet:
     place = f"{path}: {name}"
     table = check_table(place, entry)
-    for key in table:
-        if key not in _KEYS:
-            raise UnknownNameError(place, "key", key, _KEYS)
+    require_keys(place, table, _KEYS)
     for key in ("get", "archive"):
         check_text(f"{place}.{key}", table.get(key))
     files = {
@@ -269,8 +259,6 @@ def _with_expected(one: RealSet, *folders: Path) -> RealSet:
         file = folder / EXPECTED_FILE
         if file.is_file():
             tree = read_toml(file)
-            for key in tree:
-                if key not in ("source", "expected"):
-                    raise UnknownNameError(file, "key", key, ("source", "expected"))
+            require_keys(file, tree, ("source", "expected"))
             return replace(one, expected=_expected(str(file), tree), source=str(tree.get("source", "")))
     return one

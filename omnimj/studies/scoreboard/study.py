@@ -22,7 +22,7 @@ from omnimj.errors import SimulationError
 from omnimj.estimate.gap.records import Finding
 from omnimj.estimate.gap.sentences import effect_label
 from omnimj.recording.json_files import to_jsonable, write_json, write_text
-from omnimj.studies.runner import StudyFolder, TrialFolder, run_guarded, run_study
+from omnimj.studies.runner import StudyFolder, TrialFolder, guarded, run_study
 from omnimj.studies.scoreboard.sets import KnownSet, MissingSet, RealSet, find_sets
 from omnimj.studies.scoreboard.tables import HEADING, Row, introduction, score_tables
 from omnimj.studies.statistics import Table, format_markdown
@@ -72,21 +72,7 @@ class ScoreboardResult:
 def run_scoreboard(
     config: ScoreboardConfig, report: Progress, executor: Executor | None = None
 ) -> ScoreboardResult:
-    """Search all sets that are there and have no result, and compare all results with what is published.
-
-    Args:
-      config: Settings.
-      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
-      executor: Runs the searches; own processes when None.
-
-    Returns:
-      The result, also after Ctrl-C.
-
-    Raises:
-      InputError: A path holds no set, or the folder holds something else or other settings.
-      OutputError: A file cannot be written; finished results are kept.
-      SimulationError: A worker died; finished results are kept.
-    """
+    """Search all sets without a result, and compare all results with publications; see `run_study`."""
     return run_study(_Scoreboard(config), report, executor)
 
 
@@ -139,20 +125,9 @@ class _Scoreboard:
         return ScoreboardResult(rows, tuple(self._missing), lines, tables, interrupted, len(errors))
 
 
+@guarded
 def search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
-    """Import a set if its logs need it, search it, and return what the table shows.
-
-    Args:
-      search: Searches a dataset and writes its files.
-      one: The set.
-      folder: Folder for its files; what an interrupted search left there is removed.
-      seed: Seed of the held-out draw.
-      accept: Whether to search in data with certain faults.
-    """
-    return run_guarded(lambda: _search_set(search, one, folder, seed, accept))
-
-
-def _search_set(search: Search, one: RealSet, folder: Path, seed: int, accept: bool) -> dict[str, Any]:
+    """Import a set if its logs need it, search it, and return what the table shows."""
     mark = one.fingerprint()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

@@ -67,12 +67,7 @@ class Row:
 
 
 def score_tables(rows: Sequence[Row], missing: Sequence[MissingSet]) -> Iterator[Table]:
-    """Table of all sets, and table of the published values.
-
-    Args:
-      rows: Sets that are there.
-      missing: Known sets that are not.
-    """
+    """Yield the table of all sets, also of known ones that are missing, and that of the published values."""
     cells = [_cells(row) for row in rows]
     cells += [(one.name, "not there", *("–" for _ in _HEAD[2:])) for one in missing]
     title = "Named and expected effects; held-out mismatch before and after, RMS in units of noise"
@@ -112,12 +107,7 @@ def _values(row: Row) -> Iterator[tuple[str, ...]]:
 
 
 def introduction(rows: Sequence[Row], missing: Sequence[MissingSet]) -> Iterator[str]:
-    """Yield how many sets were searched, and where each set that is not there can be had.
-
-    Args:
-      rows: Sets that are there.
-      missing: Known sets that are not.
-    """
+    """Yield how many sets were searched, and where each set that is not there can be had."""
     searched = sum(row.result is not None for row in rows)
     there = f"{searched} of {len(rows)} sets that are there were searched"
     yield f"{there}; {len(missing)} known ones are not there."

@@ -98,33 +98,14 @@ class SensitivityResult:
 def run_sensitivity(
     config: SensitivityConfig, report: Progress, executor: Executor | None = None
 ) -> SensitivityResult:
-    """Run the missing points of all trajectories and rank the parameters.
-
-    Args:
-      config: Settings.
-      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
-      executor: Runs the points, one task each; own processes when None.
-
-    Returns:
-      The result, also after Ctrl-C.
-
-    Raises:
-      InputError: The folder holds something else or another study, or cannot be written; the scenario or its
-        settings are not possible; no parameter has one of the given provenances.
-      UnknownNameError: A scenario, plant, method or provenance does not exist.
-      SimulationError: A worker died; finished runs are kept.
-    """
+    """Run the missing points of all trajectories and rank the parameters; see `run_study`."""
     return run_study(_Sensitivity(config), report, executor)
 
 
 def check_config(
     config: SensitivityConfig,
 ) -> tuple[Scenario, tuple[Factor, ...], tuple[ExcludedFactor, ...]]:
-    """Return the scenario, the parameters that are varied in it, and those that are not.
-
-    Raises:
-      InputError, UnknownNameError: As `run_sensitivity`.
-    """
+    """Return the scenario, the parameters that are varied in it, and those that are not."""
     for source in config.sources:
         if source not in SOURCES:
             raise UnknownNameError("--source", "source", source, SOURCES)

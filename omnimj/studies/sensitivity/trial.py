@@ -21,17 +21,12 @@ from omnimj.simulate.metrics import DIAGNOSIS_UNITS
 from omnimj.simulate.plants import KINEMATIC, PLANT_NAMES, plant_name
 from omnimj.simulate.run import RunResult, run_scenario
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
-from omnimj.studies.runner import run_guarded
+from omnimj.studies.runner import guarded
 from omnimj.studies.sensitivity.factors import FLOOR
 
 
 def true_scenario(scenario: Scenario, values: Mapping[str, float]) -> Scenario:
-    """Return the scenario with true parameter values, from which a plant is made.
-
-    Args:
-      scenario: The nominal scenario, which the controller is made for.
-      values: True value by name of the parameter, as in `factors.Factor`.
-    """
+    """Return the scenario with true parameter values, from which a plant is made."""
     machine: Any = scenario.constants
     floors = dict(scenario.floors)
     for name, value in values.items():
@@ -108,10 +103,6 @@ def read_results(run: RunResult, units: Mapping[str, str]) -> dict[str, float | 
 
     A fault that was never detected counts with the time until the end of the run, a finite lower bound of its
     detection delay.
-
-    Args:
-      run: A completed run.
-      units: From `result_units`.
     """
     metrics, trace = run.metrics, run.trace
     found: dict[str, Any] = {name: metrics.get(name) for name in units}
@@ -181,27 +172,19 @@ def resolve_method(config: TrialConfig, scenario: Scenario) -> str:
     return default_method(scenario) if config.method is None else config.method
 
 
+@guarded
 def drive_with(config: TrialConfig, values: Mapping[str, float], seed: int) -> dict[str, Any]:
     """Drive the scenario once.
-
-    Args:
-      config: Scenario, which the controller is made for.
-      values: True parameter values of the plant by name, as in `factors.Factor`.
-      seed: Seed of the sensor noise.
 
     Returns:
       `values`, `seed` and `results` by name; or `error`: the message of a run that failed.
     """
-
-    def trial() -> dict[str, Any]:
-        scenario = nominal_scenario(config)
-        method = resolve_method(config, scenario)
-        run = run_scenario(scenario, config.plant, method, seed, truth=true_scenario(scenario, values))
-        if run.trace.about["failure"]:
-            raise SimulationError(run.trace.about["failure"])
-        if run.interrupted:
-            raise KeyboardInterrupt
-        results = read_results(run, result_units(scenario, method))
-        return {"values": values, "seed": seed, "results": results}
-
-    return run_guarded(trial)
+    scenario = nominal_scenario(config)
+    method = resolve_method(config, scenario)
+    run = run_scenario(scenario, config.plant, method, seed, truth=true_scenario(scenario, values))
+    if run.trace.about["failure"]:
+        raise SimulationError(run.trace.about["failure"])
+    if run.interrupted:
+        raise KeyboardInterrupt
+    results = read_results(run, result_units(scenario, method))
+    return {"values": values, "seed": seed, "results": results}

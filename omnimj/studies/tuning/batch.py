@@ -26,16 +26,7 @@ PLAN = "tuning_plan.json"
 
 
 class TrialBatch:
-    """Batch of trials: candidates driven over draws.
-
-    Args:
-      folder: From `claim_folder`.
-      axes: Gains that the values of a candidate belong to.
-      before: Gains before the search that differ from those of the model, by name.
-      thresholds: Thresholds of the method; the shipped ones when None.
-      pool: Workers.
-      report: Called with a phrase and the finished share of the current step.
-    """
+    """Batch of trials: candidates driven over draws."""
 
     def __init__(
         self,

@@ -119,17 +119,7 @@ def score(
     axes: Sequence[GainAxis] = (),
     values: Sequence[float] = (),
 ) -> Score:
-    """Score a candidate.
-
-    Args:
-      found: Metrics of the candidate, one per draw.
-      before: Metrics of the gains before; none of these runs failed.
-      loops: Stability of the loops with the candidate.
-      loops_before: Stability of the loops with the gains before.
-      limits: Limits.
-      axes: Tuned gains.
-      values: Values of the candidate along the axes.
-    """
+    """Score a candidate by its metrics and those of the gains before, one each per draw."""
     broke = sum(one.broke is not None for one in found)
     terms = {name: _term(name, found, before) for name in TERMS if name != "margin"}
     terms["margin"] = max(loops_before.phase, _MIN_MARGIN) / max(loops.phase, _MIN_MARGIN)

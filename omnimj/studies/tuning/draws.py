@@ -75,16 +75,7 @@ class Draw:
 def draw_trial(
     text: str, scenario: Scenario, seed: int, index: int, plant: str, model: Path | None = None
 ) -> Draw:
-    """Draw the truth of one run; the same scenario, seed and number give the same draw.
-
-    Args:
-      text: Name or path of the scenario, from which workers read it.
-      scenario: The scenario.
-      seed: Below 100 for tuning, from 100 on for evaluation.
-      index: Number of the draw, from 0; faults take turns with it.
-      plant: `planar` or `twin`.
-      model: Model file of the robot.
-    """
+    """Draw the truth of one run; the same scenario, seed and number give the same draw."""
     key = zlib.crc32(scenario.name.encode())
 
     def stream(what: int) -> np.random.Generator:
@@ -141,13 +132,7 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
 
 
 def apply_draw(scenario: Scenario, draw: Draw, with_truth: bool) -> Scenario:
-    """Return the scenario with the floor of a draw, and with its faults or without.
-
-    Args:
-      scenario: The scenario as read.
-      draw: The draw.
-      with_truth: True to include faults and patches, for the plant; False for the controller.
-    """
+    """Return the scenario with the floor of a draw; for the plant, `with_truth`, also faults and patches."""
     as_written = draw.fault == AS_WRITTEN
     return dataclasses.replace(
         scenario,

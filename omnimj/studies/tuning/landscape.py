@@ -39,15 +39,7 @@ def survey_landscape(
     points: int,
     scores_of: Callable[[Sequence[Candidate]], list[Score]],
 ) -> tuple[Landscape, ...]:
-    """Survey the cost around the result over the pairs of the most important gains.
-
-    Args:
-      axes: Tuned gains.
-      values: The result.
-      tried: All candidates with their scores; they determine the importance of the gains.
-      points: Grid points per side.
-      scores_of: Returns the scores of candidates.
-    """
+    """Survey the cost around the result over the pairs of the most important gains."""
     slices = [
         (a, b, _around(axes[a], values[a], points), _around(axes[b], values[b], points))
         for a, b in most_important_pairs(importance(axes, tried))

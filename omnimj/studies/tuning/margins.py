@@ -27,8 +27,8 @@ from omnimj.errors import InputError
 from omnimj.parameters import Control, Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.traction import load_factor
+from omnimj.signals import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
@@ -58,11 +58,6 @@ class Margin:
 
 def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Margin, ...]:
     """Return the margin of every loop; those of the wheels on every floor and in the air.
-
-    Args:
-      robot: Robot, whose own gains are not used.
-      control: Gains.
-      floors: Floors with a LuGre law.
 
     Raises:
       InputError: A floor with another law.

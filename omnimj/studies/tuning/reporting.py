@@ -7,17 +7,13 @@ from collections.abc import Iterator
 
 import omnimj
 from omnimj.control.gains import GAIN_NAMES, GAIN_TABLES, PROVENANCE_TABLE, unit_of
+from omnimj.recording.write_dataset import toml_text
 from omnimj.studies.tuning.cost import TERMS, Score
 from omnimj.studies.tuning.study import Comparison, TuningResult
 
 
 def format_gains_file(outcome: TuningResult, command: str) -> str:
-    """Format the gains file; the same trials and command give the same text.
-
-    Args:
-      outcome: Result of the tuning.
-      command: Command line that made it.
-    """
+    """Format the gains file; the same trials and command give the same text."""
     return "\n".join((*_head(outcome), *_gains(outcome), *_origin(outcome, command))) + "\n"
 
 
@@ -49,10 +45,10 @@ def _gains(outcome: TuningResult) -> Iterator[str]:
 def _origin(outcome: TuningResult, command: str) -> Iterator[str]:
     config = outcome.config
     yield f"[{PROVENANCE_TABLE}]"
-    yield f"command = {_text(command)}"
-    yield f"version = {_text(omnimj.__version__)}"
+    yield f"command = {toml_text(command)}"
+    yield f"version = {toml_text(omnimj.__version__)}"
     yield f"scenarios = {json.dumps(list(config.scenarios), ensure_ascii=False)}"
-    yield f"plant = {_text(config.plant)}"
+    yield f"plant = {toml_text(config.plant)}"
     yield f"seed = {config.seed}"
     yield f"trials = {config.trials}  # per scenario and candidate"
     yield f"candidates = {len(outcome.tried)}"
@@ -77,11 +73,6 @@ def _origin(outcome: TuningResult, command: str) -> Iterator[str]:
 
 def _number(value: float) -> str:
     return repr(float(f"{value:.6g}"))
-
-
-def _text(words: str) -> str:
-    # a TOML basic string has JSON's escapes, except for DEL
-    return json.dumps(words, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
 def comparison_rows(verdict: Comparison) -> list[tuple[str, str, str]]:

@@ -135,20 +135,12 @@ Candidate = tuple[float, ...]
 
 
 def generation_size(axes: int) -> int:
-    """Return λ = 4 + ⌊3 ln n⌋ (Hansen 2016), at least 6.
-
-    Args:
-      axes: n.
-    """
+    """Return λ = 4 + ⌊3 ln n⌋ for n axes (Hansen 2016), at least 6."""
     return max(6, 4 + math.floor(3.0 * math.log(axes)))
 
 
 def require_cma() -> Any:
-    """Import the library `cma`.
-
-    Raises:
-      MissingLibrary: It is not installed.
-    """
+    """Import the library `cma`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about its own plots, which need another library
@@ -159,12 +151,7 @@ def require_cma() -> Any:
 
 
 class Search:
-    """CMA-ES over the axes, by ask and tell.
-
-    Args:
-      axes: At least one.
-      seed: Seed of the search.
-    """
+    """CMA-ES over the axes, by ask and tell."""
 
     def __init__(self, axes: Sequence[GainAxis], seed: int):
         cma = require_cma()

@@ -203,15 +203,7 @@ class TuningResult(Displayed, Tabular):
 def run_tuning(
     config: TuningConfig, report: Progress, executor: Executor | None = None
 ) -> TuningResult | None:
-    """Search gains, compare them with those before, and survey the cost around them.
-
-    Args:
-      config: Settings.
-      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
-      executor: Runs the trials; own processes when None.
-
-    Returns:
-      The result; None after Ctrl-C, with every finished trial kept.
+    """Search gains, compare them with those before, survey the cost around them; None after Ctrl-C.
 
     Raises:
       InputError: The folder next to the file holds something else, or cannot be written.

@@ -23,7 +23,7 @@ from omnimj.simulate.scenario.scenario import Scenario, read_scenario, scenario_
 from omnimj.simulate.summary import true_faults
 from omnimj.studies.part_use import IN_USE, demanded_traction
 from omnimj.studies.random_truth import drive_on_plant, with_errors
-from omnimj.studies.runner import run_guarded
+from omnimj.studies.runner import guarded
 from omnimj.studies.tuning.draws import Draw, apply_draw
 
 METHOD = "robust"
@@ -71,13 +71,7 @@ def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
 
 
 def measure_trial(trace: Trace, truth: Scenario, uses: Sequence | None) -> TrialMetrics:
-    """Compute the metrics of a completed run.
-
-    Args:
-      trace: Trace with the columns of truth and target.
-      truth: The scenario with its faults and patches.
-      uses: From `drive_healthy`; None for a draw without faults.
-    """
+    """Compute the metrics of a completed run."""
     robot = truth.robot
     command = trace.wheels("current_target")
     records = [r for r in true_faults(truth, trace) if r["kind"] in KINDS_OF_DIAGNOSIS]
@@ -143,53 +137,37 @@ def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> f
     return min(times, default=None)
 
 
+@guarded
 def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
     """Find the intervals in which each wheel of a draw is in use, by a run without faults and diagnosis.
-
-    Args:
-      draw: The draw with its truth.
-      values: Gains before the search by name, in place of the model's.
 
     Returns:
       `draw`: the truth. `uses`: intervals per wheel. Or `error`: the message of a run that failed.
     """
-
-    def trial() -> dict[str, Any]:
-        nominal = apply_draw(_read(draw, values), draw, False)
-        trace = _run(nominal, draw, "off", nominal)
-        if trace.about["failure"]:
-            raise SimulationError(f"{draw.name}: {trace.about['failure']}")
-        return {"draw": draw.to_dict(), "uses": _uses(trace)}
-
-    return run_guarded(trial)
+    nominal = apply_draw(_read(draw, values), draw, False)
+    trace = _run(nominal, draw, "off", nominal)
+    if trace.about["failure"]:
+        raise SimulationError(f"{draw.name}: {trace.about['failure']}")
+    return {"draw": draw.to_dict(), "uses": _uses(trace)}
 
 
+@guarded
 def drive_trial(
     draw: Draw, values: Mapping[str, float], uses: Uses | None, thresholds: Thresholds | None = None
 ) -> dict[str, Any]:
     """Drive one draw with the gains of a candidate.
 
-    Args:
-      draw: The draw with its truth, which is hidden from controller and method.
-      values: Gains by name, in place of the model's.
-      uses: From `drive_healthy`; None for a draw without faults.
-      thresholds: Thresholds of the method; the shipped ones when None.
-
     Returns:
       `draw`, `gains`, and `facts` from `measure_trial`; a failed run has the one fact `broke`: gains can
       cause that. Or `error`: the message of a trial that failed otherwise.
     """
-
-    def trial() -> dict[str, Any]:
-        scenario = _read(draw, values)
-        nominal, truth = apply_draw(scenario, draw, False), apply_draw(scenario, draw, True)
-        trace = _run(nominal, draw, METHOD, truth, thresholds)
-        facts = {"broke": trace.about["failure"]}
-        if not trace.about["failure"]:
-            facts = dataclasses.asdict(measure_trial(trace, truth, uses))
-        return {"draw": draw.to_dict(), "gains": dict(values), "facts": facts}
-
-    return run_guarded(trial)
+    scenario = _read(draw, values)
+    nominal, truth = apply_draw(scenario, draw, False), apply_draw(scenario, draw, True)
+    trace = _run(nominal, draw, METHOD, truth, thresholds)
+    facts = {"broke": trace.about["failure"]}
+    if not trace.about["failure"]:
+        facts = dataclasses.asdict(measure_trial(trace, truth, uses))
+    return {"draw": draw.to_dict(), "gains": dict(values), "facts": facts}
 
 
 def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:

@@ -37,8 +37,7 @@ def candidate_gains(stage: Stage) -> Drawing:
         own = {row: gain for row, (c, gain) in enumerate(tried) if c.verdict == verdict}
         _intervals(panel, verdict, verdict, list(own), list(own.values()))
     panel.legend(3)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def _intervals(
@@ -74,8 +73,7 @@ def decoy_gains(stage: Stage) -> Drawing:
         _intervals(panel, best[0].verdict, best[0].label, [0.5 * top], [best[1]])
     panel.limits(0.0, 1.05 * top)
     panel.legend(2)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def _margin(panel: Panel, stage: Stage, ends: tuple[float, float]) -> None:
@@ -102,8 +100,7 @@ def refitted_parameters(refitted: tuple[Refitted, ...]) -> Drawing:
     panel.rule(0.0, across=False)
     panel.ticks([-1, 0, 1], ["lowest", "nominal", "highest"], across=True)
     panel.legend()
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def free_curves(finding: Finding) -> Drawing:
@@ -116,5 +113,4 @@ def free_curves(finding: Finding) -> Drawing:
     for row, share in enumerate(shares):
         panel.text(max(share, 0.0), row, f"{share:.0f} %", x_offset=4)
     panel.x_limits(min(0.0, *shares), 100.0)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()

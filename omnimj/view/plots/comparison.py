@@ -46,13 +46,7 @@ def courses(
     spans: Sequence[Span],
     styles: Mapping[str, LineStyle] = palette.METHODS,
 ) -> Drawing:
-    """Plot heading error, position error and speed of each run.
-
-    Args:
-      traces: Traces of a robot by name of the run, such as its method.
-      spans: Faults to shade.
-      styles: Line styles by name; those of the methods by default.
-    """
+    """Plot heading error, position error and speed of each run."""
     place = all("x" in trace and "target_x" in trace for trace in traces.values())
     speed = all("twist_x" in trace for trace in traces.values())
     drawing = new_drawing(TALL, rows=1 + int(place) + int(speed))
@@ -88,13 +82,7 @@ def signals(
     columns: Sequence[tuple[str, str]],
     styles: Mapping[str, LineStyle],
 ) -> Drawing:
-    """Plot columns of several runs over time, one panel per column.
-
-    Args:
-      traces: Traces by name of the run.
-      columns: Column and label of its panel; runs without the column are left out of the panel.
-      styles: Line styles by name.
-    """
+    """Plot columns over time, each with its label in a panel, of the runs that have them."""
     drawing = new_drawing(_PER_COLUMN * len(columns) + 50, rows=len(columns))
     for panel, (column, label) in zip(drawing.panels, columns, strict=True):
         panel.values(label)
@@ -110,13 +98,7 @@ def paths(
     patches: Sequence[Any],
     styles: Mapping[str, LineStyle] = palette.METHODS,
 ) -> Drawing:
-    """Plot the driven paths from above with equal axes.
-
-    Args:
-      traces: Traces of a robot with its position, by name of the run, such as its method.
-      patches: Patches of other floors.
-      styles: Line styles by name; those of the methods by default.
-    """
+    """Plot the driven paths from above with equal axes."""
     drawing = map_from_above()
     (panel,) = drawing.panels
     planned = planned_position(next(iter(traces.values())))

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.signals import Trace, equal_stretches
+from omnimj.signals import Array, Trace, equal_stretches
 from omnimj.view import palette
 from omnimj.view.plots.over_time import finish
 from omnimj.view.plots.panels import MIDDLE, Drawing, Panel, new_drawing
@@ -17,7 +17,6 @@ from omnimj.view.plots.thinning import BINS, log_beyond
 from omnimj.view.residuals import Family
 from omnimj.view.wording import Span, mode_name, recovery_spans
 
-Array = NDArray[np.float64]
 _LOG_SCALE_BEYOND = (
     15.0  # × threshold: on a linear axis, larger residuals would make the threshold indistinguishable from 0
 )
@@ -34,12 +33,6 @@ def residual_families(
 
     For residuals far beyond their thresholds, the axis is logarithmic above the thresholds, so that both are
     readable.
-
-    Args:
-      trace: Signals of a run, with the residuals.
-      families: At least one family of residuals.
-      spans: Faults or diagnoses to shade.
-      bins: Most bins of a line.
     """
     rows = len(families)
     drawing = new_drawing(max(MIDDLE, _ROW * rows), rows, bins=bins)
@@ -110,13 +103,7 @@ def _fit_axis(panel: Panel, trace: Trace, family: Family, linear: float) -> None
 
 
 def effectiveness(trace: Trace, spans: Sequence[Span], bins: int = BINS) -> Drawing:
-    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy.
-
-    Args:
-      trace: The run, with columns `effectiveness_i`.
-      spans: Faults to shade.
-      bins: Most bins of a line, as for `envelope`.
-    """
+    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy."""
     drawing = new_drawing(MIDDLE, bins=bins)
     (panel,) = drawing.panels
     panel.values("effectiveness [1]")

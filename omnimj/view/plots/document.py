@@ -32,9 +32,6 @@ def library() -> Markup:
 def embed(drawings: Mapping[str, Drawing]) -> tuple[Markup, dict[str, Markup]]:
     """Put drawings into one document.
 
-    Args:
-      drawings: Drawings by name.
-
     Returns:
       Script that draws them, and the element of each drawing by name.
     """
@@ -56,11 +53,7 @@ def embed(drawings: Mapping[str, Drawing]) -> tuple[Markup, dict[str, Markup]]:
 
 
 def stacked(drawings: Sequence[Drawing]) -> Any:
-    """Lay drawings out below each other as one Bokeh model, with a common time axis and cursor.
-
-    Args:
-      drawings: Drawings in their order.
-    """
+    """Lay drawings out below each other as one Bokeh model, with a common time axis and cursor."""
     panels = [panel for drawing in drawings for panel in drawing.panels]
     _link(panels)
     _share_data(panels)

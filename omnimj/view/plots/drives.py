@@ -23,11 +23,7 @@ _DEGREES = 180.0 / np.pi
 
 
 def drive_paths(runs: Sequence[DrivenRun]) -> Drawing:
-    """Plot the measured path and that of each plant from above.
-
-    Args:
-      runs: The same measured run on each plant.
-    """
+    """Plot the measured path of a run from above, and that on each plant."""
     drawing, first = map_from_above(), runs[0]
     (panel,) = drawing.panels
     poses = [first.measured.pose, *(run.simulated.pose for run in runs)]
@@ -45,11 +41,7 @@ def drive_paths(runs: Sequence[DrivenRun]) -> Drawing:
 
 
 def drive_courses(runs: Sequence[DrivenRun]) -> Drawing:
-    """Plot velocity ahead and to the left, heading, and the current of the hardest working wheel over time.
-
-    Args:
-      runs: The same measured run on each plant.
-    """
+    """Plot velocity ahead and to the left, heading, and current of the hardest working wheel over time."""
     first, wheel = runs[0], _hardest(runs[0])
     drawing = new_drawing(TALL, rows=4)
     labels = ("ahead [m/s]", "left [m/s]", "heading [°]", f"current {wheel + 1} [A]")

@@ -91,11 +91,7 @@ _PLANTS = {"twin": (palette.ACCENT, "-"), "planar": (palette.HEALTHY, (0, (5, 2)
 
 
 def speed_overlay(runs: Sequence[ReplayedRun]) -> Drawing:
-    """Overlay a measured run with each plant's simulation: carriage speed, and simulated − measured.
-
-    Args:
-      runs: The same measured run on each plant.
-    """
+    """Overlay a measured run with each plant's simulation: carriage speed, and simulated − measured."""
     drawing, first = new_drawing(TALL, rows=2), runs[0]
     speed, error = drawing.panels
     speed.values("carriage [m/s]")

@@ -40,13 +40,7 @@ _NO_DETREND: Any = False  # keeps a constant mismatch
 
 
 def row_panel(labels: Sequence[str], words: str, x_log: bool = False) -> Panel:
-    """Make a panel with one named row per label, the first at the top.
-
-    Args:
-      labels: Names of the rows.
-      words: Label of the horizontal axis.
-      x_log: True for a logarithmic horizontal axis.
-    """
+    """Make a panel with one named row per label, the first at the top."""
     wrapped = [textwrap.fill(label, _LETTERS) for label in labels]
     lines = max((label.count("\n") + 1 for label in wrapped), default=1)
     height = _AROUND + (_LINE * lines + 12) * max(len(labels), 2)
@@ -96,14 +90,7 @@ def _in_noise(name: str, values: Sequence[float]) -> list[str]:
 
 
 def reference_line(panel: Panel, at: float, words: str, ends: tuple[float, float]) -> None:
-    """Draw an upright line: dotted with a legend entry, or plain without words.
-
-    Args:
-      panel: Panel to draw in.
-      at: Abscissa of the line.
-      words: Entry of the legend; empty for none.
-      ends: Heights of both ends on the value axis.
-    """
+    """Draw an upright line: dotted with a legend entry, or plain without words."""
     panel.line(np.full(2, at), np.array(ends), palette.MUTED, words, _NOISE_LINE if words else "-")
 
 
@@ -146,13 +133,7 @@ def regime_variables(finding: Finding) -> list[tuple[str, MismatchRegime]]:
 
 
 def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Drawing:
-    """Plot the mismatch of a channel over a regime variable: a dot per block, averages before and after.
-
-    Args:
-      finding: Result of the search, whose overlays contain the blocks.
-      variable: Regime variable of the horizontal axis.
-      place: Regime to shade; its channel is the one shown.
-    """
+    """Plot the mismatch in the channel of a regime over a variable: blocks, and averages of both models."""
     channel = list(finding.channels).index(place.channel)
     channel_unit, words = finding.channels[place.channel]
     used = [o for o in finding.overlays if variable in o.regimes]
@@ -171,8 +152,7 @@ def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Dr
         _averages(panel, x[known], y[known], marker, label, color, dash)
     panel.rule(0.0)
     panel.legend()
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def _shade(panel: Panel, variable: str, place: MismatchRegime, x: Array) -> None:
@@ -218,8 +198,7 @@ def by_run(gaps: Sequence[RunGap]) -> Drawing:
     after = [gap.total_after for gap in shown if gap.total_after is not None]
     before = [gap.total_before for gap in shown]
     panel = dumbbells(labels, before, after if len(after) == len(shown) else None)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def shrinkage(finding: Finding) -> Drawing:
@@ -245,18 +224,11 @@ def shrinkage(finding: Finding) -> Drawing:
     panel = dumbbells([row[0] for row in rows], [row[1] for row in rows], after if same else None)
     if len(rows) > n:
         panel.rule(n - 0.5)
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()
 
 
 def largest_mismatch_channels(finding: Finding, windows: Sequence[Overlay], most: int = 2) -> list[int]:
-    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise.
-
-    Args:
-      finding: Gives the noise of the channels.
-      windows: Overlays of the run.
-      most: Largest number of channels.
-    """
+    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise."""
     size = channel_rms(np.concatenate([w.measured - w.before for w in windows])) / noise_row(finding)
     return sorted(np.argsort(-np.nan_to_num(size), kind="stable")[:most].tolist())
 

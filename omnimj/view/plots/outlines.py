@@ -11,9 +11,9 @@ from bokeh.models import HBar, Line, Patch, Quad, Scatter, Segment, VArea
 from markupsafe import escape
 from numpy.typing import NDArray
 
+from omnimj.signals import Array
 from omnimj.view.plots.thinning import envelope
 
-Array = NDArray[np.float64]
 ToPixels = Callable[[Array], Array]
 NO_FILL = 'fill="none"'
 _BINS = 400
@@ -65,13 +65,7 @@ def outlines(renderer: Any) -> list[tuple[Array, Array]]:
 
 
 def glyph_elements(renderer: Any, x: ToPixels, y: ToPixels) -> str:
-    """Draw a glyph; parts that look alike are one element.
-
-    Args:
-      renderer: Glyph and its data.
-      x: Converts abscissae to pixels.
-      y: Converts ordinates to pixels.
-    """
+    """Draw a glyph; parts that look alike are one element."""
     found: dict[str, list[str]] = {}
     if isinstance(renderer.glyph, Scatter):
         parts = _markers(renderer, x, y)

@@ -157,9 +157,7 @@ class Panel:
         self.line(time, value, color=palette.lighter(color, 0.55), label=label, width=0.8, alpha=0.7)
         self.line(middle, mean, color=color, label=label, dash=dash, hovered=NOT_HOVERED)
 
-    def band(
-        self, x: Array, low: Array, high: Array, color: str, label: str = "", alpha: float = 0.2
-    ) -> None:
+    def band(self, x: Array, low: Array, high: Array, color: str, alpha: float) -> None:
         """Fill the area between two curves.
 
         Args:
@@ -167,11 +165,9 @@ class Panel:
           low: Values of the lower curve, shape (k,).
           high: Values of the upper curve, shape (k,).
           color: Colour.
-          label: Entry of the legend; empty for none.
           alpha: Opacity.
         """
-        style = {"fill_color": color, "fill_alpha": alpha}
-        self._shows(label, self.plot.varea(_numbers(x), _numbers(low), _numbers(high), **style))
+        self.plot.varea(_numbers(x), _numbers(low), _numbers(high), fill_color=color, fill_alpha=alpha)
 
     def points(
         self,
@@ -283,11 +279,11 @@ class Panel:
         options: dict[str, Any] = {"mode": mode, "point_policy": "follow_mouse"}
         self.plot.add_tools(HoverTool(renderers=list(drawn), tooltips=list(tips), **options))
 
-    def rule(self, at: float, across: bool = True, color: str = palette.MUTED, dash: Style = "-") -> None:
+    def rule(self, at: float, across: bool = True, dash: Style = "-") -> None:
         """Draw a line across the panel at a value, or, if not `across`, upright at an abscissa."""
         where: Literal["width", "height"] = "width" if across else "height"
-        style = {"line_color": color, "line_width": 0.9, "line_dash": dashes(dash), "level": "underlay"}
-        self.plot.add_layout(Rule(location=at, dimension=where, **style))
+        look = {"line_color": palette.MUTED, "line_width": 0.9, "line_dash": dashes(dash)}
+        self.plot.add_layout(Rule(location=at, dimension=where, level="underlay", **look))
 
     def text(self, x: float, y: float, words: str, color: str = palette.INK, **style: Any) -> None:
         """Write words at a point."""
@@ -319,13 +315,7 @@ class Panel:
         self.plot.ygrid.visible = False
 
     def ticks(self, places: Sequence[float], names: Sequence[str], across: bool = False) -> None:
-        """Mark and name places on an axis.
-
-        Args:
-          places: Places to mark.
-          names: Name of each place.
-          across: True for the horizontal axis, otherwise the value axis.
-        """
+        """Mark and name places on an axis."""
         axis = self.plot.xaxis if across else self.plot.yaxis
         axis.ticker = FixedTicker(ticks=[float(place) for place in places])
         axis.major_label_overrides = {
@@ -372,10 +362,8 @@ class Panel:
         )
 
     def finish(self) -> Drawing:
-        """Add labels, tools, and the values below the cursor, after everything is drawn.
-
-        Returns:
-          The panel alone.
+        """Add labels, tools, and the values below the cursor, after everything is drawn; return the panel
+        alone.
         """
         plot = self.plot
         plot.yaxis.axis_label, plot.xaxis.axis_label = self.label, self.x_label

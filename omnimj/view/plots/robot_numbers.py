@@ -12,11 +12,7 @@ _PRIOR = (palette.MUTED, "square")
 
 
 def identified_numbers(found: RobotIdentification) -> Drawing:
-    """Plot each number over that of the model file, with its 90 % interval, unless the latter is 0.
-
-    Args:
-      found: Identified robot.
-    """
+    """Plot each number over that of the model file, with its 90 % interval, unless the latter is 0."""
     shown = [one for one in found.estimates if one.nominal]
     panel = row_panel([one.words for one in shown], "identified / model file")
     for source in ("data", "data and prior", "prior"):
@@ -36,5 +32,4 @@ def identified_numbers(found: RobotIdentification) -> Drawing:
         panel.points(values, rows, color, f"by {source}", marker, 8, names=names)
     panel.rule(1.0, across=False)
     panel.legend()
-    panel.finish()
-    return Drawing((panel,))
+    return panel.finish()

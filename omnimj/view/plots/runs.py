@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnimj.parameters import Robot
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.view import palette
 from omnimj.view.motion import patch_corners, planned_heading, planned_position, wheel_count
 from omnimj.view.plots.over_time import finish
@@ -17,7 +16,6 @@ from omnimj.view.plots.panels import MIDDLE, NOT_HOVERED, SHORT, TALL, Drawing, 
 from omnimj.view.plots.thinning import averaged
 from omnimj.view.wording import Span
 
-Array = NDArray[np.float64]
 _DEGREES = 180.0 / np.pi
 _DASHES = (0, (5, 3))
 _PROPORTION = 1.15  # width of a map / height
@@ -93,15 +91,7 @@ def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Drawing:
 
 
 def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: bool = True) -> Drawing:
-    """Plot one quantity of all wheels.
-
-    Args:
-      trace: The run.
-      name: Column without the wheel's number.
-      label: Quantity and unit.
-      spans: Faults to shade.
-      zero: Whether to mark zero.
-    """
+    """Plot one quantity of all wheels; `name` is its column without the wheel's number."""
     drawing = new_drawing(MIDDLE)
     (panel,) = drawing.panels
     panel.values(label)
@@ -131,14 +121,7 @@ def currents(trace: Trace, spans: Sequence[Span]) -> Drawing:
 def path(
     trace: Trace, patches: Sequence[Any], spans: Sequence[Span], constants: Robot | None = None
 ) -> Drawing:
-    """Plot driven and planned path from above with equal axes, and the robot at its start and end.
-
-    Args:
-      trace: The run, with columns `x`, `y` and `heading`.
-      patches: Floor patches to draw.
-      spans: Faults, whose part of the path is marked.
-      constants: Robot whose outline is drawn; None for no outline.
-    """
+    """Plot driven and planned path from above with equal axes, and the robot at its start and end."""
     drawing = map_from_above()
     (panel,) = drawing.panels
     planned = planned_position(trace)

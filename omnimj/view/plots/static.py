@@ -28,13 +28,12 @@ from bokeh.models import (
     Span,
 )
 from markupsafe import escape
-from numpy.typing import NDArray
 
+from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.plots.outlines import NO_FILL, fill, glyph_elements, outlines, sample, stroke
 from omnimj.view.plots.panels import Drawing, Panel
 
-Array = NDArray[np.float64]
 WIDTH, FILE_WIDTH = 460, 545
 """Widths of a picture in a page and of a file [pixels]; the former is readable on a phone and on paper."""
 FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
@@ -103,10 +102,10 @@ def svg(drawing: Drawing, label: str = "", width: int = WIDTH) -> str:
     return f'<svg viewBox="0 0 {width} {top}"{words} {look}>{"".join(parts)}</svg>'
 
 
-def svg_file(drawing: Drawing, label: str = "", width: int = FILE_WIDTH) -> str:
+def svg_file(drawing: Drawing, label: str = "") -> str:
     """Draw a picture of a drawing, to be a file, on white; arguments as for `svg`."""
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{drawing.height}"'
-    start, _, rest = svg(drawing, label, width).removeprefix("<svg").partition(">")
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{FILE_WIDTH}" height="{drawing.height}"'
+    start, _, rest = svg(drawing, label, FILE_WIDTH).removeprefix("<svg").partition(">")
     return f'{head}{start}><rect width="100%" height="100%" fill="white"/>{rest}\n'
 
 

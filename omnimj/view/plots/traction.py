@@ -14,11 +14,7 @@ _LABEL = "F / F_N along the drive"
 
 
 def over_slip(curves: TractionCurves) -> Drawing:
-    """Plot F/F_N over slip velocity: points by the currents, lines by the models.
-
-    Args:
-      curves: Traction on one floor.
-    """
+    """Plot F/F_N over slip velocity: points by the currents, lines by the models."""
     panel = Panel(MIDDLE, over_time=False, label=_LABEL, x_label="slip velocity V_r [mm/s]")
     drawn = []
     for k, speed in enumerate(curves.rolling):

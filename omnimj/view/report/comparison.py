@@ -29,13 +29,7 @@ _RIG_COLUMNS = (
 def write_comparison(
     path: Path, runs: Mapping[str, tuple[Mapping[str, Any], Trace]], command: str = ""
 ) -> None:
-    """Write the page that compares runs: setup, checks and results side by side, plots overlaid.
-
-    Args:
-      path: HTML file to write.
-      runs: Metrics and trace by the name of the run, at most `MOST_RUNS`.
-      command: Command line that repeats the comparison.
-    """
+    """Write the page that compares up to `MOST_RUNS` runs: tables side by side, plots overlaid."""
     found = compare_runs({name: metrics for name, (metrics, _) in runs.items()})
     write_page(
         path,
@@ -145,13 +139,7 @@ def index_texts(metrics: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def write_index(path: Path, folder: Path, runs: Sequence[RunFolder]) -> None:
-    """Write the index of a folder of runs: a row per run, linked to its report.
-
-    Args:
-      path: HTML file to write; links are relative to its folder.
-      folder: Folder of the runs.
-      runs: Runs below the folder.
-    """
+    """Write the index of a folder of runs: a row per run, linked to its report."""
     rows = []
     for run in runs:
         report = run.path / "report.html"

@@ -14,11 +14,9 @@ from omnimj.signals import Diagnosis
 from omnimj.view.diagnosis_words import (
     NOTHING_FOUND,
     UNFIT,
-    describe_confidence,
-    describe_diagnosis,
+    describe,
     describe_evidence,
     describe_kind,
-    describe_time,
     describe_undiagnosed,
     describe_unjudged,
     severity,
@@ -50,28 +48,26 @@ def bins_for(runs: int) -> int:
 
 
 def run_section(run: RunDiagnosis, method: str, method_names: Sequence[str], bins: int = BINS) -> RunSection:
-    """Make the part of the page about one run.
-
-    Args:
-      run: Diagnosis of the run, with its trace.
-      method: Name of the detection method.
-      method_names: Columns of the method's log.
-      bins: Most bins of a line; 0 for no plots.
-    """
-    lines, found = [f"{describe_undiagnosed(run).capitalize()}."], None
-    if run.diagnoses:
-        head = ("diagnosis", "time", "confidence", "decided by")
-        lines, found = [], table([_row(d) for d in run.diagnoses], head, "stacked")
+    """Make the part of the page about one run; no plots where `bins`, the most bins of a line, is 0."""
+    lines = [] if run.diagnoses else [f"{describe_undiagnosed(run).capitalize()}."]
     if describe_unjudged(run):
         lines.append(
             f"For {run.cannot_judge:.1f} of {run.judged:.1f} s the wheels turn too slowly for a diagnosis."
         )
     figures = _figures(run, families(method_names, method), bins) if bins and method_names else []
+    found = diagnoses_table(run.diagnoses, "stacked")
     return make_section(run.name, figures, "", [*lines, *run.notes], found, bool(run.diagnoses))
 
 
-def _row(d: Diagnosis) -> tuple[Cell | str, ...]:
-    return describe_diagnosis(d), number(describe_time(d)), describe_confidence(d), describe_evidence(d)
+def diagnoses_table(diagnoses: Sequence[Diagnosis], kind: str = "") -> Table | None:
+    """List the diagnoses of a run; None without any."""
+    head = ("diagnosis", "time", "confidence", "decided by")
+    return table(list(map(_row, diagnoses)), head, kind) if diagnoses else None
+
+
+def _row(diagnosis: Diagnosis) -> tuple[Cell | str, ...]:
+    what, when, *others = describe(diagnosis)
+    return (what, number(when), *others)
 
 
 def _figures(run: RunDiagnosis, shown: Sequence[Family], bins: int) -> list[Figure]:
@@ -106,16 +102,7 @@ def write_diagnosis_report(
     command: str = "",
     interrupted: bool = False,
 ) -> None:
-    """Write the report of a diagnosis of recorded runs.
-
-    Args:
-      path: HTML file to write.
-      config: Configuration of the diagnosis.
-      runs: Diagnoses of the finished runs; traces are not needed.
-      sections: Results of `run_section`.
-      command: Command line that repeats the diagnosis.
-      interrupted: True if runs are missing because of Ctrl-C.
-    """
+    """Write the report of the finished runs of a diagnosis, whose traces are not needed."""
     name = config.dataset.path.resolve().name
     order = {run.name: k for k, run in enumerate(sorted(runs, key=_worst))}
     runs = sorted(runs, key=lambda run: order[run.name])

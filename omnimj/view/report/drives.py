@@ -10,18 +10,13 @@ from omnimj.estimate.drives.records import DrivenRun, DriveValidation, Group
 from omnimj.signals import Array
 from omnimj.view.plots.drives import drive_courses, drive_paths
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
+from omnimj.view.wording import percent
 
 _HEAD = ("wheels", "runs", "plant", "body", "simulated", "error", "currents", "yaw rate", "end of path")
 
 
 def write_drives_report(path: Path, found: DriveValidation, command: str = "") -> None:
-    """Write the report of a robot's validation.
-
-    Args:
-      path: HTML file to write.
-      found: The validation.
-      command: Command line that repeats it.
-    """
+    """Write the report of a robot's validation."""
     floors = tuple(dict.fromkeys(group.floor for group in found.groups))
     write_page(
         path,
@@ -49,19 +44,15 @@ def _row(group: Group) -> tuple:
         group.plant,
         number(f"{group.measured_speed:.4f}"),
         number(f"{group.simulated_speed:.4f}"),
-        number(_percent(group.velocity_error)),
+        number(percent(group.velocity_error)),
         number(currents, f"of {drawn}"),
         number(f"{group.yaw_rate_error:.4f}", f"of {group.measured_yaw_rate:.4f}"),
-        number(_percent(group.end_by_measured_heading), f"own heading {_percent(group.end_by_own_heading)}"),
+        number(percent(group.end_by_measured_heading), f"own heading {percent(group.end_by_own_heading)}"),
     )
 
 
 def _plain(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "–"
-
-
-def _percent(ratio: float) -> str:
-    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "–"
 
 
 def drive_figures(found: DriveValidation, floor: str) -> list[Figure]:

@@ -14,12 +14,7 @@ from omnimj.view.report.page import Figure, Table, plot, table, write_page
 
 
 def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
-    """Write the report of an evaluation.
-
-    Args:
-      path: HTML file to write.
-      result: Result of the evaluation.
-    """
+    """Write the report of an evaluation."""
     sections = case_sections(result.scores, result.events, result.suite)
     write_page(
         path,
@@ -34,32 +29,18 @@ def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
     )
 
 
-def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[TextTable]) -> None:
-    """Write the report of the gap benchmark.
-
-    Args:
-      path: HTML file to write.
-      lines: Sentences about the benchmark.
-      tables: Tables of `benchmark.md`; empty ones are left out.
-    """
-    _write_tables(path, "Blind benchmark of the gap workflow", lines, tables, "benchmark.json")
-
-
-def write_scoreboard_report(path: Path, lines: Sequence[str], tables: Sequence[TextTable]) -> None:
-    """Write the report of the scoreboard of real measurements.
-
-    Args:
-      path: HTML file to write.
-      lines: Sentences on sets that are not there.
-      tables: Tables of `scoreboard.md`; empty ones are left out.
-    """
-    heading = "Gap workflow on real measurements"
-    _write_tables(path, heading, lines, tables, "scoreboard.json, reports of the searches in sets/")
-
-
-def _write_tables(
+def write_tables_report(
     path: Path, heading: str, lines: Sequence[str], tables: Sequence[TextTable], files: str
 ) -> None:
+    """Write the report of the gap benchmark or of the scoreboard, without empty tables.
+
+    Args:
+      path: HTML file to write.
+      heading: Title of the page.
+      lines: Paragraphs above the tables.
+      tables: Tables of the study.
+      files: Names of the files with all numbers.
+    """
     write_page(
         path,
         "evaluation",

@@ -34,13 +34,7 @@ def outcome_of(score: CaseScore) -> str:
 
 
 def case_table(scores: Sequence[CaseScore], suite: str, sections: Sequence[RunSection]) -> Table:
-    """List all cases: conditions, truth, diagnosis, outcome, delays.
-
-    Args:
-      scores: Scores of the cases.
-      suite: Name of the suite.
-      sections: Parts of the page about single cases, to which the rows link.
-    """
+    """List all cases: conditions, truth, diagnosis, outcome, delays."""
     rows = []
     for score in scores:
         where = suite, _words(score.floor), score.speed, score.plant

@@ -54,15 +54,7 @@ def mismatch_locations(finding: Finding) -> Table:
 
 
 def format_bounds(name: str, low: float, high: float, unit: str, is_size: bool = False) -> str:
-    """Format an interval as `0.25 ≤ position < 0.35 m`; an open side is omitted.
-
-    Args:
-      name: Regime variable.
-      low: Lower bound; −∞ for an open side.
-      high: Upper bound; ∞ for an open side.
-      unit: Unit of the variable.
-      is_size: True if the bounds are those of the absolute value.
-    """
+    """Format an interval, `is_size` of a magnitude, as `0.25 ≤ position < 0.35 m`, without infinite ends."""
     variable = f"|{variable_words(name)}|" if is_size else variable_words(name)
     if is_size and low < 1e-6 * high:
         low = -math.inf  # zero is no bound of an absolute value
@@ -77,13 +69,7 @@ def format_bounds(name: str, low: float, high: float, unit: str, is_size: bool =
 
 
 def run_mismatches(finding: Finding, gaps: Sequence[RunGap], sections: Sequence[RunSection]) -> Table:
-    """List all runs, the largest mismatch first: use, conditions, and RMS over all channels.
-
-    Args:
-      finding: Result of the workflow.
-      gaps: Mismatch of its runs.
-      sections: Parts of the page about single runs, to which the rows link.
-    """
+    """List all runs, the largest mismatch first: use, conditions, and RMS over all channels."""
     second = has_second_model(finding)
     rows = [
         (

@@ -20,12 +20,7 @@ from omnimj.view.report.run_sections import MOST_FIGURES, RunSection, make_secti
 
 
 def describe_crossings(run: LabelledRun, floors: Sequence[str]) -> str:
-    """Crossings of a run in words.
-
-    Args:
-      run: The run.
-      floors: Names of the floors.
-    """
+    """Crossings of a run in words."""
     words = [f"wheel {c.wheel} to {floors[c.floor]} at {c.time:.1f} s" for c in run.crossings]
     return "; ".join(words) or ("none" if len(run.time) else "no steady driving")
 
@@ -55,13 +50,7 @@ def _percent(share: float) -> str:
 
 
 def write_floor_report(path: Path, found: LabelledDataset, command: str) -> None:
-    """Write the report of labelled runs.
-
-    Args:
-      path: HTML file to write.
-      found: Labelled runs.
-      command: Command line that repeats the work.
-    """
+    """Write the report of labelled runs."""
     name = found.dataset.path.resolve().name
     sections = [_section(found, run, k < MOST_FIGURES) for k, run in enumerate(found.runs)]
     many = sum(len(run.crossings) for run in found.runs)

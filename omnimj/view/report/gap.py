@@ -50,15 +50,7 @@ def write_gap_report(
     new_floors: str | None = None,
     command: str = "",
 ) -> None:
-    """Write the report of the gap workflow.
-
-    Args:
-      path: HTML file to write.
-      finding: Result of the workflow.
-      new_model: File name of the new model beside the report; None without one.
-      new_floors: File name of the refitted floors beside the report; None without any.
-      command: Command line that repeats the work.
-    """
+    """Write the report of the gap workflow; the new model and floors are files beside it."""
     runs = run_gaps(finding)
     sections = _run_sections(finding, runs)
     name = sentences.dataset_name(finding)

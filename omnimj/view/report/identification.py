@@ -48,13 +48,7 @@ _FIGURES = (
 
 
 def write_identification_report(path: Path, found: Identification, command: str = "") -> None:
-    """Write the report of an identification.
-
-    Args:
-      path: HTML file to write.
-      found: Result for all floors.
-      command: Command line that repeats the identification.
-    """
+    """Write the report of an identification."""
     write_page(
         path,
         "identification",

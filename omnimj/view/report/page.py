@@ -146,9 +146,6 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
       template: Name of the template without its ending.
       title: Title of the page.
       **content: Texts, tables and figures for the template.
-
-    Raises:
-      OutputError: The file cannot be written.
     """
     page = _TEMPLATES.get_template(f"{template}.html.j2")
     figures = [figure for figure in _figures(content) if figure.name]
@@ -172,12 +169,7 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
 
 
 def render_part(template: str, **content: Any) -> str:
-    """Render a template that is no page of its own, such as a table for a notebook.
-
-    Args:
-      template: Name of the template without its ending.
-      **content: Texts and tables for the template, which escapes them.
-    """
+    """Render a template that is no page of its own, such as a table for a notebook."""
     return _TEMPLATES.get_template(f"{template}.html.j2").render(**content)
 
 

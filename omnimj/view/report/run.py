@@ -215,13 +215,7 @@ def _comparison_figures(
 
 
 def run_figures(trace: Trace, scenario: Scenario, spans: Sequence[Span]) -> list[Figure]:
-    """Plot the signals of a run of robot or rig.
-
-    Args:
-      trace: Signals of the run.
-      scenario: Scenario of the run.
-      spans: Faults to shade.
-    """
+    """Plot the signals of a run of robot or rig."""
     if scenario.is_rig:
         return _rig_figures(scenario.rig, trace, spans)
     return _robot_figures(scenario.robot, trace, scenario.patches, spans)

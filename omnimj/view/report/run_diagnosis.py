@@ -33,14 +33,7 @@ class DiagnosisSection:
 def diagnosis_section(
     trace: Trace, scenario: Scenario, metrics: Mapping[str, Any], spans: Sequence[Span]
 ) -> DiagnosisSection:
-    """Compare the true faults of a run with its diagnoses.
-
-    Args:
-      trace: Signals of the run.
-      scenario: Scenario of the run.
-      metrics: Content of `metrics.json`.
-      spans: Intervals of the true faults.
-    """
+    """Compare the true faults of a run with its diagnoses."""
     wheels = scenario.constants.wheel_count
     matching = match_diagnoses(metrics.get("faults") or (), metrics.get("diagnoses") or (), wheels)
     has_truth = bool(metrics.get("truth", True))

@@ -30,12 +30,7 @@ _FEWEST_BARS = 2
 
 
 def write_sensitivity_files(folder: Path, result: SensitivityResult) -> None:
-    """Write report, picture and text, each in full or not at all.
-
-    Args:
-      folder: Folder of the study.
-      result: Result of the study; without ranked parameters there is no picture.
-    """
+    """Write report, picture and text, each in full or not at all; a picture needs ranked parameters."""
     tables = [one for one in (measure_first_table(result), results_table(result)) if one.rows]
     lines = [measure_first_sentence(result), *summary_sentences(result)]
     write_text(folder / TEXT, format_markdown(format_heading(result), lines, tables))

@@ -11,13 +11,7 @@ from omnimj.view.report.page import Figure, Table, plot, table, write_page
 
 
 def write_tuning_report(path: Path, result: TuningResult, command: str) -> None:
-    """Write the report of a tuning.
-
-    Args:
-      path: HTML file to write.
-      result: Result of the search.
-      command: Command line that repeats the tuning.
-    """
+    """Write the report of a tuning."""
     verdict = format_verdict(result)
     write_page(
         path,

@@ -14,13 +14,7 @@ _MOST_OVERLAYS = 8
 
 
 def write_validation_report(path: Path, found: Validation, command: str = "") -> None:
-    """Write the report of a validation.
-
-    Args:
-      path: HTML file to write.
-      found: Errors by condition, and replayed runs.
-      command: Command line that repeats the validation.
-    """
+    """Write the report of a validation."""
     straight = [cell for cell in found.cells if not cell.lateral_speed]
     lateral = [cell for cell in found.cells if cell.lateral_speed]
     published = [cell.published[0] for cell in found.cells if cell.published]

@@ -24,16 +24,24 @@ from omnimj.parameters import Floor, read_floors, read_rig, read_robot
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.poses import Poses
+from omnimj.view.poses import Poses, robot_poses
 from omnimj.view.rerun import dead_reckoning
+from omnimj.view.rerun.blueprint import Eye, arranged, scene_view, whole_axis
 from omnimj.view.rerun.dead_reckoning import Motion
 from omnimj.view.rerun.file import recording_file
-from omnimj.view.rerun.scene import Machine, log_floor, time_column
+from omnimj.view.rerun.scene import (
+    MEASURED,
+    Machine,
+    begin_recording,
+    log_floor,
+    log_name,
+    on_floor,
+    time_column,
+)
+from omnimj.view.rerun.signals import Line, log_rows, log_styles
 
-_GREY = "#A7AFB8"  # visible on dark plots and on the light floor
-COLORS: Mapping[str, str] = {"before": palette.BEFORE, "measured": _GREY, "after": palette.AFTER}
+COLORS: Mapping[str, str] = {"before": palette.BEFORE, "measured": MEASURED, "after": palette.AFTER}
 _RUNS = 6
-_LIGHTER = 0.55  # for names on dark plates
 _SIDES: Mapping[str, float] = {"before": 1.0, "measured": 0.0, "after": -1.0}
 
 
@@ -45,7 +53,7 @@ class Scene:
     """Lateral distance between the machines [m]."""
     label: tuple[float, float, float]
     """Position of the machine's name in the frame of the body `named` [m]."""
-    eye: rrb.EyeControls3D
+    eye: Eye
     log: Callable[[str, Motion, str], None]
     """Function that logs the motion of one machine on a timeline."""
     motion: Callable[[Sequence[Overlay]], Motion]
@@ -73,36 +81,17 @@ def offset(scene: Scene, kind: str) -> float:
 
 
 def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
-    """Log the lateral offset of a machine and the name above it.
-
-    Args:
-      stream: Recording.
-      scene: Scene that the machine is part of.
-      kind: Machine: a key of `COLORS`, which is also its name.
-    """
+    """Log the lateral offset of a machine and the name above it, a key of `COLORS`."""
     root = f"world/{kind}"
     stream.log(root, rr.Transform3D(translation=[0.0, offset(scene, kind), 0.0]), static=True)
-    name = rr.Points3D(
-        [scene.label],
-        radii=[0.012],
-        colors=[palette.rgb(palette.lighter(COLORS[kind], _LIGHTER))],
-        labels=[kind],
-        show_labels=True,
-    )
-    stream.log(f"{root}/{scene.named}/name" if scene.named else f"{root}/name", name, static=True)
+    carrier = f"{root}/{scene.named}" if scene.named else root
+    log_name(stream, carrier, scene.label, kind, COLORS[kind])
 
 
 def make_scene(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
-    """Log the meshes of the machines and return the scene, which logs their motion.
-
-    Args:
-      stream: Recording.
-      finding: Result of the search; its overlays contain the motion.
-      kinds: Keys of `COLORS` to show.
-      machine_file: Model file of the plant; None for the shipped one.
-    """
+    """Log the meshes of the machines and return the scene, which logs their motion."""
     if finding.plant == "quarter_rig":
         return _rig_scene(stream, finding, kinds, machine_file)
     if finding.plant == "uto_robot":
@@ -144,7 +133,7 @@ def _rig_scene(
 
     reach = rig.rig.rail_length
     corners = np.array([[0.0, -0.3], [reach, 0.3]])
-    eye = _eye((0.4, -2.2, 1.3), (0.8, 0.0, 0.1))
+    eye = Eye((0.4, -2.2, 1.3), (0.8, 0.0, 0.1))
     return Scene(0.6, (0.0, 0.0, 0.16), eye, log, motion, corners, named="carriage")
 
 
@@ -152,7 +141,7 @@ def _robot_scene(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
     robot = read_robot(machine_file)
-    log_bodies = _body_logger(stream, robot_model(robot, _floor(finding)), kinds, dead_reckoning.robot_poses)
+    log_bodies = _body_logger(stream, robot_model(robot, _floor(finding)), kinds, robot_poses)
 
     def log(kind: str, motion: Motion, timeline: str) -> None:
         log_bodies(kind, motion, timeline)
@@ -167,17 +156,14 @@ def _robot_scene(
     corners = np.concatenate([np.zeros((1, 2)), *places])
     (x, y), (deep, wide) = 0.5 * (corners.min(axis=0) + corners.max(axis=0)), np.ptp(corners, axis=0) + 0.8
     far = max(1.4 * len(kinds) * float(wide), 1.6 * float(deep))
-    eye = _eye((x - 0.62 * far, y, 0.62 * far), (x, y, 0.0))
+    eye = Eye((x - 0.62 * far, y, 0.62 * far), (x, y, 0.0))
     return Scene(float(wide), (0.0, 0.0, 0.55), eye, log, motion, corners, named="chassis")
 
 
 def _log_path(stream: rr.RecordingStream, entity: str, kind: str, motion: Motion, timeline: str) -> None:
     """Log the whole path as one line per window, which shows the distance between paths."""
-    place = motion.coordinates[kind][:, :2]
-    lift = 0.004 if kind == "measured" else 0.008
-    points = np.column_stack([place, np.full(len(place), lift)]).astype(np.float32)
-    strips = np.split(points, motion.begins[1:])
-    radius = 0.008 if kind == "measured" else 0.012
+    lift, radius = (0.004, 0.008) if kind == "measured" else (0.008, 0.012)
+    strips = np.split(on_floor(motion.coordinates[kind][:, :2], lift), motion.begins[1:])
     style = rr.LineStrips3D.from_fields(colors=[palette.rgb(COLORS[kind])], radii=[radius])
     stream.log(entity, style, static=True)
     columns = rr.LineStrips3D.columns(strips=strips)
@@ -216,26 +202,15 @@ def _axis_scene(stream: rr.RecordingStream, kinds: Sequence[str], finding: Findi
         stream.send_columns(f"world/{kind}/carriage", [time_column(motion.time, timeline)], columns)
 
     corners = np.array([[low - 0.1, -size], [high + 0.1, size]])
-    eye = _eye((middle, -2.0 * half - 4.0 * size, 1.5 * half), (middle, 0.0, 0.0))
+    eye = Eye((middle, -2.0 * half - 4.0 * size, 1.5 * half), (middle, 0.0, 0.0))
     return Scene(4.0 * size, (low - 0.1, 0.0, 2.5 * size), eye, log, motion, corners)
-
-
-def _eye(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
-    kind = rrb.Eye3DKind.Orbital
-    return rrb.EyeControls3D(kind=kind, position=position, look_target=target, eye_up=(0, 0, 1))
 
 
 _PLOTS = 7
 
 
 def write_before_after(path: Path, finding: Finding, machine_file: Path | None = None) -> None:
-    """Write the recording: the worst held-out runs, each on its own timeline.
-
-    Args:
-      path: `.rrd` file to write.
-      finding: Result of the search, with overlays of at least one run.
-      machine_file: Model file of the plant, for its appearance; None for the shipped one.
-    """
+    """Write the recording: the worst held-out runs, each on its own timeline, looking as in a model file."""
     # a separate application id, since the viewer keeps one layout per application
     with recording_file(path, f"omnimj_gap_{sentences.dataset_name(finding)}") as stream:
         shown = shown_runs(finding)
@@ -243,8 +218,7 @@ def write_before_after(path: Path, finding: Finding, machine_file: Path | None =
         plots = _plotted(finding, shown)
         scene = make_scene(stream, finding, kinds, machine_file)
         stream.send_blueprint(_blueprint(finding, scene, shown, plots), make_active=False)
-        stream.send_recording_name(f"Gap of {sentences.dataset_name(finding)}")
-        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        begin_recording(stream, f"Gap of {sentences.dataset_name(finding)}")
         words = rr.TextDocument(_about(finding, shown, kinds), media_type="text/markdown")
         stream.log("about", words, static=True)
         for kind in kinds:
@@ -274,23 +248,12 @@ def _plotted(finding: Finding, shown: Mapping[str, Sequence[Overlay]]) -> list[i
 def _log_styles(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], plots: Sequence[int]
 ) -> None:
-    order = ("measured", *(kind for kind in kinds if kind != "measured"))
-    widths = {"measured": 3.0, "before": 1.5, "after": 1.5}
+    simulated = [Line(kind, kind, COLORS[kind], width=1.5) for kind in kinds if kind != "measured"]
     names = list(finding.channels)
     for c in plots:
-        style = rr.SeriesLines(
-            colors=[palette.rgb(COLORS[kind]) for kind in order],
-            names=list(order),
-            widths=[widths[kind] for kind in order],
-        )
-        stream.log(f"plots/{names[c]}", style, static=True)
-    simulated = [kind for kind in kinds if kind != "measured"]
-    style = rr.SeriesLines(
-        colors=[palette.rgb(COLORS[kind]) for kind in simulated],
-        names=simulated,
-        widths=[1.5] * len(simulated),
-    )
-    stream.log("plots/mismatch", style, static=True)
+        lines = [Line("measured", "measured", MEASURED, width=3.0), *simulated]
+        log_styles(stream, f"plots/{names[c]}", lines)
+    log_styles(stream, "plots/mismatch", simulated)
 
 
 def _log_signals(
@@ -306,7 +269,8 @@ def _log_signals(
     values = {kind: np.concatenate([getattr(w, kind) for w in windows]) for kind in order}
     names = list(finding.channels)
     for c in plots:
-        _send(stream, f"plots/{names[c]}", index, np.stack([values[kind][:, c] for kind in order], axis=1))
+        rows = np.stack([values[kind][:, c] for kind in order], axis=1)
+        log_rows(stream, f"plots/{names[c]}", index, rows)
     noise = noise_row(finding)
     sizes = []
     for kind in order[1:]:
@@ -314,12 +278,7 @@ def _log_signals(
         known = np.isfinite(relative)
         squares = np.where(known, relative, 0.0) ** 2
         sizes.append(np.sqrt(squares.sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
-    _send(stream, "plots/mismatch", index, np.stack(sizes, axis=1))
-
-
-def _send(stream: rr.RecordingStream, entity: str, index: rr.TimeColumn, rows: Array) -> None:
-    columns = rr.Scalars.columns(scalars=rows.ravel())
-    stream.send_columns(entity, [index], columns.partition(np.full(len(rows), rows.shape[1])))
+    log_rows(stream, "plots/mismatch", index, np.stack(sizes, axis=1))
 
 
 def _about(finding: Finding, shown: Mapping[str, Sequence[Overlay]], kinds: Sequence[str]) -> str:
@@ -345,18 +304,8 @@ def _about(finding: Finding, shown: Mapping[str, Sequence[Overlay]], kinds: Sequ
 def _blueprint(
     finding: Finding, scene: Scene, shown: Mapping[str, Sequence[Overlay]], plots: Sequence[int]
 ) -> rrb.Blueprint:
-    longest = max(float(windows[-1].time[-1]) for windows in shown.values())
-    start = rrb.TimeRangeBoundary.absolute(seconds=0.0)
-    end = rrb.TimeRangeBoundary.absolute(seconds=longest)
-    axis = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+    axis = whole_axis(max(float(windows[-1].time[-1]) for windows in shown.values()))
     names = list(finding.channels.items())
-    space = rrb.Spatial3DView(
-        origin="world",
-        name="Before, measured, after",
-        background=(238, 241, 245),
-        line_grid=False,
-        eye_controls=scene.eye,
-    )
     series = [
         rrb.TimeSeriesView(
             origin=f"plots/{names[c][0]}",
@@ -375,11 +324,5 @@ def _blueprint(
         )
     )
     words = rrb.TextDocumentView(origin="about", name="Legend")
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(space, words, row_shares=[3, 1]), rrb.Vertical(*series), column_shares=[3, 2]
-        ),
-        rrb.TimePanel(state="collapsed", timeline=next(iter(shown)), play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-    )
+    left = rrb.Vertical(scene_view("Before, measured, after", scene.eye), words, row_shares=[3, 1])
+    return arranged(left, rrb.Vertical(*series), timeline=next(iter(shown)))

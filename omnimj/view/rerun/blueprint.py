@@ -50,21 +50,9 @@ class _Rule:
 
 
 _RULES = (
-    _Rule(
-        _SLIPS,
-        "Slip and traction",
-        ("slip_velocity", "traction_force", "residual_slip"),
-    ),
-    _Rule(
-        _MOTORS,
-        "Motors",
-        ("current", "effectiveness", "residual_motor"),
-    ),
-    _Rule(
-        _PUSHES,
-        "External forces",
-        ("current", "residual_force"),
-    ),
+    _Rule(_SLIPS, "Slip and traction", ("slip_velocity", "traction_force", "residual_slip")),
+    _Rule(_MOTORS, "Motors", ("current", "effectiveness", "residual_motor")),
+    _Rule(_PUSHES, "External forces", ("current", "residual_force")),
     _Rule(_LENGTHS, "Heading", ("heading", "yaw_rate")),
 )
 """Rules: the first that applies gives the heading, and all that apply give the plots in their order."""
@@ -72,12 +60,7 @@ _RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
 def focus_of(scenario: Scenario, faults: Sequence[Mapping[str, Any]]) -> Focus:
-    """Choose the content to show first from the content of a scenario, not from its name.
-
-    Args:
-      scenario: Scenario of the run.
-      faults: Faults as in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
-    """
+    """Choose the content to show first from the content of a scenario, not from its name."""
     if scenario.is_rig:
         return _RIG
     kinds = [str(fault["kind"]) for fault in faults] + ["slip"] * len(scenario.patches)
@@ -148,11 +131,11 @@ def run_blueprint(
       subject: Plots and views to show first; None for no preference.
       above: View of the path from above; None to leave it out.
     """
-    time_axis = _newest() if duration is None else _whole(duration)
+    time_axis = _newest() if duration is None else whole_axis(duration)
     panel = "playing" if duration is not None else "following"
-    scene: rrb.View | rrb.Container = _scene("Machine, floor, paths and forces", eye, (0, 0, 1))
+    scene: rrb.View | rrb.Container = scene_view("Machine, floor, paths and forces", eye)
     if above is not None:
-        path = _scene("Path from above", above, (0, 1, 0))
+        path = scene_view("Path from above", above, (0, 1, 0))
         scene = rrb.Horizontal(path, scene, column_shares=[1, 1])
     if lanes is None:
         lanes = [f"/{entity}/**" for entity in (FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE)]
@@ -162,24 +145,32 @@ def run_blueprint(
     values = [None] * len(plots) if ranges is None else ranges
     shown = list(zip(plots, values, strict=True))
     series = _series_views(shown, time_axis, Focus() if subject is None else subject)
+    left = rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[2, 1])
+    return arranged(left, series, play_state=panel, loop_mode="off" if duration is None else "all")
+
+
+def arranged(
+    left: rrb.View | rrb.Container, right: rrb.View | rrb.Container, timeline: str = "time", **playback: Any
+) -> rrb.Blueprint:
+    """Arrange views of the machine on the left and plots on the right, without panels.
+
+    Args:
+      left: Views of the machine.
+      right: Plots.
+      timeline: Timeline that is played.
+      **playback: Options of the time panel; it plays in a loop without any.
+    """
+    panel = {"play_state": "playing", "loop_mode": "all", **playback}
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[2, 1]),
-            series,
-            column_shares=[3, 2],
-        ),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline="time",
-            play_state=panel,
-            loop_mode="off" if duration is None else "all",
-        ),
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.TimePanel(state="collapsed", timeline=timeline, **panel),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
 
 
-def _scene(name: str, eye: Eye, up: Point) -> rrb.Spatial3DView:
+def scene_view(name: str, eye: Eye, up: Point = (0, 0, 1)) -> rrb.Spatial3DView:
+    """Make the view of the world from a camera."""
     return rrb.Spatial3DView(
         origin="world",
         name=name,
@@ -242,7 +233,7 @@ def _series(
     )
 
 
-def _whole(duration: float) -> rrb.archetypes.TimeAxis:
+def whole_axis(duration: float) -> rrb.archetypes.TimeAxis:
     """Make a time axis over the whole run."""
     start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))

@@ -16,7 +16,6 @@ from omnimj.estimate.gap.records import Overlay
 from omnimj.parameters import Rig, Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
-from omnimj.view.poses import wheel_bodies
 
 KINDS = ("measured", "before", "after")
 Rates = Callable[[Overlay, Array, Array], Array]
@@ -115,27 +114,6 @@ def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     for column, joint in enumerate(("rail", "gantry", "wheel_1_axle")):
         qpos[:, mj_model.joint(joint).qposadr[0]] = coordinates[:, column]
-    return qpos
-
-
-def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """Convert the coordinates of `robot_motion` to generalised positions of the robot.
-
-    Args:
-      mj_model: Model of the robot with n wheels.
-      coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
-
-    Returns:
-      Generalised positions, shape (k, nq).
-    """
-    qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
-    half = 0.5 * coordinates[:, 2]
-    (free,) = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[:1]
-    first = mj_model.jnt_qposadr[free]
-    qpos[:, first : first + 2] = coordinates[:, :2]
-    qpos[:, first + 3], qpos[:, first + 6] = np.cos(half), np.sin(half)
-    for column, body in enumerate(wheel_bodies(mj_model), start=3):
-        qpos[:, mj_model.jnt_qposadr[mj_model.body_jntadr[body]]] = coordinates[:, column]
     return qpos
 
 

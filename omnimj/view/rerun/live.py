@@ -5,19 +5,18 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from omnimj.control.cascade.allocation import inverse_kinematics
 from omnimj.parameters import Robot
 from omnimj.plant.faults import fault_record
 from omnimj.plant.interface import Plant
-from omnimj.signals import Reference, Trace
+from omnimj.signals import Array, Reference, Trace
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.loop import Callbacks
 from omnimj.simulate.run import RunResult
@@ -28,7 +27,6 @@ from omnimj.view.rerun.recording import RunStream, live_blueprint
 from omnimj.view.rerun.scene import log_floor
 from omnimj.view.wording import NOT_DIAGNOSED
 
-Array = NDArray[np.float64]
 _FLUSHING = 30.0  # [s] for a viewer on a slow machine to receive the remaining data
 
 
@@ -49,25 +47,63 @@ class RecordingSink(Protocol):
         ...
 
 
-class LiveRun:
+class _LiveView:
+    """Stream of a run in progress, with the poses since the last batch."""
+
+    def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink, trail: float):
+        """Prepare the stream; the path is drawn in full detail for `trail` [s]."""
+        self._scenario, self._known, self._sink = scenario, known, sink
+        self._stream = rr.RecordingStream("omnimj")
+        self._run = RunStream(self._stream, scenario, trail)
+        self._poses: list[tuple[float, Array]] = []
+        self._mj_model: Any = None
+
+    def snapshot(self, now: float, pose: Array) -> None:
+        """Store a pose for the next batch; callback every `SNAPSHOT_PERIOD`.
+
+        Args:
+          now: Time of the pose [s].
+          pose: Generalised positions, shape (nq,).
+        """
+        self._poses.append((now, np.array(pose)))
+
+    def _taken(self) -> list[tuple[float, Array]]:
+        taken, self._poses = self._poses, []
+        return taken
+
+    def _moved(self, taken: Sequence[tuple[float, Array]]) -> Poses | None:
+        """Return stored poses in one record; None without any."""
+        if not taken:
+            return None
+        times, poses = zip(*taken, strict=True)
+        return Poses(self._mj_model, np.array(times), np.stack(poses))
+
+    def _open(self, duration: float | None, start: tuple[float, float], planned: Array | None) -> None:
+        """Connect the sink, with the layout of a run in progress, and show machine and plan.
+
+        Args:
+          duration: Duration of the run [s]; None without a planned end.
+          start: Start of the robot [m].
+          planned: Planned path, shape (k, 2) [m]; None without one.
+        """
+        method = str(self._known.get("method", NOT_DIAGNOSED))
+        detector = make_detector(method, self._scenario)
+        names = () if detector is None else tuple(detector.log_names)
+        faults = [fault_record(fault) for fault in self._scenario.faults]
+        layout = live_blueprint(self._scenario, duration, start, method, names, faults)
+        self._sink.connect(self._stream, layout)
+        self._mj_model = visible_model(self._scenario)
+        self._run.begin(self._known, planned, self._mj_model)
+
+
+class LiveRun(_LiveView):
     """Callbacks of `run_scenario` that show a run in progress; `finish` adds the results."""
 
     def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink):
-        """Prepare to show a run.
-
-        Args:
-          scenario: Scenario of the run.
-          known: Content of `metrics.json` that is known before the run.
-          sink: Destination of the recording.
-        """
-        self._scenario, self._known, self._sink = scenario, known, sink
-        self._method = str(known.get("method", NOT_DIAGNOSED))
-        self._stream = rr.RecordingStream("omnimj")
-        self._run = RunStream(self._stream, scenario, scenario.duration)
+        """Prepare to show a run, of which the entries `known` of `metrics.json` are known before."""
+        super().__init__(scenario, known, sink, scenario.duration)
         self._plan: Reference | None = None if scenario.is_rig else scenario.robot_drive.reference
-        self._poses: list[tuple[float, Array]] = []
         self._rows = 0
-        self._mj_model: Any = None
 
     @property
     def callbacks(self) -> Callbacks:
@@ -80,14 +116,7 @@ class LiveRun:
 
     def _begin(self, planned: Array | None) -> None:
         start = (0.0, 0.0) if planned is None else (float(planned[0, 0]), float(planned[0, 1]))
-        method = make_detector(self._method, self._scenario)
-        names = () if method is None else tuple(method.log_names)
-        faults = [fault_record(fault) for fault in self._scenario.faults]
-        scenario, duration = self._scenario, self._scenario.duration
-        blueprint = live_blueprint(scenario, duration, start, self._method, names, faults)
-        self._sink.connect(self._stream, blueprint)
-        self._mj_model = visible_model(self._scenario)
-        self._run.begin(self._known, planned, self._mj_model)
+        self._open(self._scenario.duration, start, planned)
         self._run.stand(self._first_pose())
 
     def _first_pose(self) -> Poses:
@@ -97,15 +126,6 @@ class LiveRun:
         place = {"time": 0.0, "x": x, "y": y, "heading": heading}
         place |= {f"wheel_speed_{i}": 0.0 for i in range(1, len(self._scenario.constants.wheels) + 1)}
         return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
-
-    def snapshot(self, now: float, pose: Array) -> None:
-        """Store a pose for the next batch; callback every `SNAPSHOT_PERIOD`.
-
-        Args:
-          now: Time of the pose [s].
-          pose: Generalised positions, shape (nq,).
-        """
-        self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
         """Send the newest rows and their poses; callback per batch.
@@ -117,25 +137,10 @@ class LiveRun:
         columns = dict(zip(names, table.T, strict=True))
         self._rows += len(table)
         if self._sink.is_open:
-            self._run.add(Trace(columns), self._batch())
-
-    def _batch(self) -> Poses | None:
-        """Return the poses stored since the previous batch; None without any."""
-        if not self._poses:
-            return None
-        times, poses = zip(*self._poses, strict=True)
-        self._poses = []
-        return Poses(self._mj_model, np.array(times), np.stack(poses))
+            self._run.add(Trace(columns), self._moved(self._taken()))
 
     def finish(self, run: RunResult) -> None:
-        """Send the rest of the data, the fault states and the checks; the viewer then plays the run.
-
-        Args:
-          run: Result of the run, at least two rows.
-
-        Raises:
-          ViewerError: The viewer failed.
-        """
+        """Send the rest of the data, the fault states and the checks; the viewer then plays the run."""
         if self._sink.is_open:
             self._send_rest(run)
             self._stream.flush(timeout_sec=_FLUSHING)
@@ -152,7 +157,7 @@ class LiveRun:
             self._begin(planned_position(trace))
         rest = {name: values[self._rows :] for name, values in trace.columns.items()}
         if self._rows < len(trace["time"]):
-            self._run.add(Trace(rest, trace.about), self._batch())
+            self._run.add(Trace(rest, trace.about), self._moved(self._taken()))
         if track is None:  # without recorded poses, the machine follows its path
             poses = visible_poses(self._scenario, trace)
             if poses is not None:
@@ -166,24 +171,14 @@ _REACH = 6.0  # [m] of floor around the start
 _ENDING = 10.0  # [s] to send the queued batches
 
 
-class LiveDrive:
+class LiveDrive(_LiveView):
     """Callbacks of `drive_by_hand` that send data from a separate thread, so that driving never waits."""
 
     def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink):
-        """Prepare to show a drive.
-
-        Args:
-          scenario: Scenario from `free_drive`.
-          known: Plant, method, seed and floor, for display.
-          sink: Destination of the recording.
-        """
+        """Prepare to show a drive in a scenario from `free_drive`, with plant, method, seed and floor."""
+        super().__init__(scenario, known, sink, _TRAIL)
         self.missed = 0
         """Number of batches dropped because the viewer was too slow."""
-        self._scenario, self._known, self._sink = scenario, known, sink
-        self._stream = rr.RecordingStream("omnimj")
-        self._run = RunStream(self._stream, scenario, _TRAIL)
-        self._mj_model: Any = None
-        self._poses: list[tuple[float, Array]] = []
         self._waiting: queue.Queue[tuple[Trace, list[tuple[float, Array]]] | None] = queue.Queue(_WAITING)
         self._thread = threading.Thread(target=self._send, name="view", daemon=True)
         self._failure: Exception | None = None
@@ -191,25 +186,11 @@ class LiveDrive:
 
     def start(self) -> None:
         """Show the robot at its start before the first step."""
-        method = str(self._known["method"])
-        made = make_detector(method, self._scenario)
-        names = () if made is None else tuple(made.log_names)
-        self._sink.connect(self._stream, live_blueprint(self._scenario, None, (0.0, 0.0), method, names))
-        self._mj_model = visible_model(self._scenario)
-        self._run.begin(self._known, None, self._mj_model)
+        self._open(None, (0.0, 0.0), None)
         corners = _REACH * np.array([(-1.0, -1.0), (1.0, 1.0)])
         log_floor(self._stream, corners, (), self._scenario.floor)
         self._run.stand(Poses(self._mj_model, np.zeros(1), self._mj_model.qpos0[None]))
         self._thread.start()
-
-    def snapshot(self, now: float, pose: Array) -> None:
-        """Store a pose for the next batch.
-
-        Args:
-          now: Time of the pose [s].
-          pose: Generalised positions, shape (nq,).
-        """
-        self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
         """Queue the newest rows and their poses; drop them if the queue is full.
@@ -219,9 +200,8 @@ class LiveDrive:
           table: Rows since the last batch, shape (k, len(names)).
         """
         trace = Trace(dict(zip(names, table.T.copy(), strict=True)))
-        poses, self._poses = self._poses, []
         try:
-            self._waiting.put_nowait((trace, poses))
+            self._waiting.put_nowait((trace, self._taken()))
         except queue.Full:
             self.missed += 1
 
@@ -238,19 +218,13 @@ class LiveDrive:
 
     def _show(self, trace: Trace, taken: list[tuple[float, Array]]) -> None:
         trace = self._reckoning.placed(trace)
-        if taken:
-            times, poses = zip(*taken, strict=True)
-            moved = Poses(self._mj_model, np.array(times), np.stack(poses))
-        else:
+        moved = self._moved(taken)
+        if moved is None:
             moved = poses_from_trace(self._mj_model, trace, turned=self._reckoning.turned_before)
         self._run.add(trace, moved)
 
     def finish(self) -> None:
-        """Send the queued batches and detach from the viewer.
-
-        Raises:
-          ViewerError: The viewer failed.
-        """
+        """Send the queued batches and detach from the viewer."""
         with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_ENDING)
             self._thread.join(_ENDING)
@@ -274,11 +248,7 @@ class DeadReckoning:
         """Wheel angles before the newest rows, shape (n,) [rad]."""
 
     def placed(self, trace: Trace) -> Trace:
-        """Add `x`, `y`, `heading` to rows without them, by ∫ R(θ) B⁺ r φ̇ dt.
-
-        Args:
-          trace: Rows later than all before.
-        """
+        """Add `x`, `y`, `heading` to rows, later than all before, by ∫ R(θ) B⁺ r φ̇ dt if they lack them."""
         time, wheels = trace["time"], trace.wheels("wheel_speed")
         step = np.diff(time, prepend=time[0] if self._last is None else self._last)[:, None]
         self.turned_before, self._last = self._turned, float(time[-1])

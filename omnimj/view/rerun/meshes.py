@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.signals import Array
 from omnimj.view.poses import geom_rgba, visible_geoms
 
-Array = NDArray[np.float64]
 ROUND = 28
 """Number of corners that approximate a circle."""
 _STRIPE = 0.45

@@ -10,10 +10,9 @@ import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from omnimj.parameters import Rig
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
@@ -28,12 +27,12 @@ from omnimj.view.rerun.scene import (
     TRACTION_SCALE,
     Machine,
     Trail,
+    begin_recording,
     log_floor,
     log_planned,
 )
 from omnimj.view.rerun.signals import Signals, eventful_lanes, log_states, plots_of, with_columns
 
-Array = NDArray[np.float64]
 _FORCES = (
     f"**Green arrows**: traction, {1000 * TRACTION_SCALE:.0f} mm per N. "
     f"**Light blue arrows**: normal force, {1000 * NORMAL_SCALE:.0f} mm per N. "
@@ -51,15 +50,7 @@ def write_recording(
     metrics: Mapping[str, Any],
     poses: Poses | None = None,
 ) -> None:
-    """Write a run as a Rerun recording with its blueprint, in full or not at all.
-
-    Args:
-      path: `.rrd` file to write.
-      trace: Signals of the run, at least two rows.
-      scenario: Scenario of the run.
-      metrics: Content of `metrics.json`.
-      poses: Poses of the machine; None for a recording of plots, states and paths only.
-    """
+    """Write a run as a Rerun recording, in full or not at all; without poses it has no machine."""
     with recording_file(path, "omnimj") as stream:
         stream.send_blueprint(whole_blueprint(scenario, trace, metrics, poses is not None), make_active=False)
         run = RunStream(stream, scenario, float(trace["time"][-1]))
@@ -90,8 +81,7 @@ class RunStream:
           mj_model: Visible model of the machine.
         """
         stream = self._stream
-        stream.send_recording_name(wording.title(known))
-        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        begin_recording(stream, wording.title(known))
         self._log_words(known)
         self._known = known
         self._planned = planned
@@ -109,12 +99,7 @@ class RunStream:
         log_states(self._stream, still, nothing, self._wheels, self._is_rig)
 
     def add(self, trace: Trace, poses: Poses | None) -> None:
-        """Send the next rows and their poses.
-
-        Args:
-          trace: At least one row, later than all before.
-          poses: Poses of the machine; None where they are unknown.
-        """
+        """Send the next rows, later than all before, and their poses where they are known."""
         if self._signals is None:
             method = str(self._known.get("method", wording.NOT_DIAGNOSED))
             plots = plots_of(self._scenario, method, list(trace.columns))
@@ -128,22 +113,12 @@ class RunStream:
             self.move(poses, trace)
 
     def move(self, poses: Poses, trace: Trace) -> None:
-        """Send poses of the machine and the forces at its wheels.
-
-        Args:
-          poses: At least one pose.
-          trace: Rows over the same time.
-        """
+        """Send poses of the machine and the forces at its wheels."""
         if self._machine is not None:
             self._machine.log_motion(poses, trace)
 
     def end(self, trace: Trace, metrics: Mapping[str, Any]) -> None:
-        """Send fault states, checks and the floor under the whole path.
-
-        Args:
-          trace: The whole run.
-          metrics: Content of `metrics.json`.
-        """
+        """Send fault states, checks and the floor under the whole path."""
         log_states(self._stream, trace, metrics, self._wheels, self._is_rig)
         self._log_words(metrics)
         if "x" in trace:
@@ -170,14 +145,7 @@ def _rig_reach(rig: Rig) -> Array:
 def whole_blueprint(
     scenario: Scenario, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
 ) -> rrb.Blueprint:
-    """Make the blueprint of a finished run: playback starts, and all axes cover the whole run.
-
-    Args:
-      scenario: Scenario of the run.
-      trace: Signals of the run.
-      metrics: Content of `metrics.json`.
-      has_machine: True if the recording shows the machine.
-    """
+    """Make the blueprint of a finished run: playback starts, and all axes cover the whole run."""
     method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
     plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)

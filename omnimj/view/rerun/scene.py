@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from omnimj.signals import Trace
+from omnimj.signals import Array, Trace
 from omnimj.view import palette
 from omnimj.view.motion import patch_corners
 from omnimj.view.poses import (
@@ -32,7 +32,6 @@ from omnimj.view.rerun.meshes import (
     striped,
 )
 
-Array = NDArray[np.float64]
 RATE = 50.0
 """Poses per second in the recording."""
 TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
@@ -43,6 +42,9 @@ AROUND = "around"
 _REACH = np.array([0.42, 0.42, 0.17])  # [m] extent of these points
 _ARROW_RADIUS = 0.007
 _UP = np.array([0.0, 0.0, 1.0])
+MEASURED = "#A7AFB8"
+"""Colour of a measured machine, visible on dark plots and on the light floor."""
+_LIGHTER = 0.55  # for names on dark plates
 FLOOR, PATH = "world/floor", "world/path"
 _TRAIL_STEPS, _TRAIL_POINTS = 120, 240
 _TILE = 0.25  # [m] width of a tile
@@ -61,6 +63,21 @@ def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
     return rr.TimeColumn(timeline, duration=whole)
 
 
+def begin_recording(stream: rr.RecordingStream, title: str) -> None:
+    """Give a recording its title, and the world its vertical axis."""
+    stream.send_recording_name(title)
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+
+
+def log_name(
+    stream: rr.RecordingStream, entity: str, place: Sequence[float] | Array, name: str, color: str
+) -> None:
+    """Log the name of a machine in a lighter shade of its colour at a place in the frame of an entity [m]."""
+    shade = palette.rgb(palette.lighter(color, _LIGHTER))
+    label = rr.Points3D([place], radii=[0.012], colors=[shade], labels=[name], show_labels=True)
+    stream.log(f"{entity}/name", label, static=True)
+
+
 def body_entity(name: str, root: str = MACHINE) -> str:
     """Return the entity of a body: `world/machine/wheel_1` for `wheel_1_wheel`."""
     return f"{root}/{name.removesuffix('_wheel')}"
@@ -70,13 +87,7 @@ class Machine:
     """Visible bodies of a model; identical rollers of a wheel are instances of one mesh."""
 
     def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel, root: str = MACHINE):
-        """Log the meshes of the bodies, without poses.
-
-        Args:
-          stream: Recording.
-          mj_model: Visible model of the machine.
-          root: Parent entity of the bodies, unique to each machine in the scene.
-        """
+        """Log the meshes of the bodies below the entity `root`, without poses."""
         self._stream, self._mj_model, self._root = stream, mj_model, root
         self._groups = identical_bodies(mj_model)
         self._wheels = wheel_bodies(mj_model, self._groups)
@@ -110,12 +121,7 @@ class Machine:
         return f"{self._entity(int(self._mj_model.body_parentid[bodies[0]]))}/rollers"
 
     def log_motion(self, poses: Poses, trace: Trace) -> None:
-        """Log body poses and contact forces.
-
-        Args:
-          poses: At least one pose of this machine.
-          trace: Signals over the same time, for the forces.
-        """
+        """Log body poses and contact forces."""
         poses = poses.thinned(RATE)
         frames = self.log_bodies(poses)
         self._log_forces(poses, frames, trace)
@@ -128,9 +134,6 @@ class Machine:
           timeline: Name of the timeline.
           rollers_turn: True if roller angles are known; otherwise rollers are logged once, at rest in their
             wheel.
-
-        Returns:
-          World poses of all bodies.
         """
         frames = body_frames(poses)
         index = time_column(frames.time, timeline)
@@ -255,7 +258,7 @@ def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
     """
     keep = np.unique(np.linspace(0, len(planned) - 1, min(len(planned), _TRAIL_POINTS)).astype(int))
     strip = rr.LineStrips3D(
-        [_on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
+        [on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
     )
     stream.log(f"{PATH}/planned", strip, static=True)
 
@@ -277,7 +280,7 @@ class Trail:
         kept = self._crossed(time, _TRAIL_POINTS)
         ends = np.union1d(self._crossed(time, _TRAIL_STEPS), [len(time) - 1])
         strips = [
-            _on_floor(np.vstack([self._points, place[kept[kept < end]], place[end]]), 0.004) for end in ends
+            on_floor(np.vstack([self._points, place[kept[kept < end]], place[end]]), 0.004) for end in ends
         ]
         columns = rr.LineStrips3D.columns(strips=strips)
         self._stream.send_columns(f"{PATH}/driven", [time_column(time[ends])], columns)
@@ -291,5 +294,6 @@ class Trail:
         return np.flatnonzero(np.diff(part) > 0)
 
 
-def _on_floor(points: Array, height: float) -> NDArray[np.float32]:
+def on_floor(points: Array, height: float) -> NDArray[np.float32]:
+    """Return places x, y, shape (k, 2) [m], at a height above the floor [m], shape (k, 3)."""
     return np.column_stack([points, np.full(len(points), height)]).astype(np.float32)

@@ -14,47 +14,44 @@ from omnimj.parameters import Robot, read_floors
 from omnimj.plant.mujoco.assembly import robot_model
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.poses import Poses
-from omnimj.view.rerun.dead_reckoning import filled, integrated, robot_poses
+from omnimj.view.poses import Poses, robot_poses
+from omnimj.view.rerun.blueprint import Eye, arranged, scene_view
+from omnimj.view.rerun.dead_reckoning import filled, integrated
 from omnimj.view.rerun.file import recording_file
-from omnimj.view.rerun.scene import Machine, log_floor, time_column
+from omnimj.view.rerun.scene import (
+    MEASURED,
+    Machine,
+    begin_recording,
+    log_floor,
+    log_name,
+    on_floor,
+    time_column,
+)
+from omnimj.view.rerun.signals import Line, log_rows, log_styles
 
-_GREY = "#A7AFB8"  # visible on dark plots and on the light floor
 _ROOM = 0.7  # [m] between the paths: robots do not touch
-_LIGHTER = 0.55  # for names on dark plates
 _DEGREES = 180.0 / np.pi
 
 
 def write_side_by_side(path: Path, run: DrivenRun, robot: Robot) -> None:
-    """Write the recording of one run.
-
-    Args:
-      path: `.rrd` file to write.
-      run: The run on one plant.
-      robot: The model, for its appearance.
-    """
+    """Write the recording of one run."""
     with recording_file(path, "omnimj_side_by_side") as stream:
         stream.send_blueprint(_blueprint(run), make_active=False)
-        stream.send_recording_name(f"{run.run}: measured and {run.plant}")
-        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        begin_recording(stream, f"{run.run}: measured and {run.plant}")
         mj_model = robot_model(robot, next(iter(read_floors().values())))
         places = side_by_side(run)
         corners = np.vstack([pose[:, :2] for pose in places.values()])
         log_floor(stream, corners, (), run.floor)
         angles = integrated(run.time, run.wheel_speed)
         for name, pose in places.items():
-            color = _GREY if name == "measured" else palette.AFTER
+            color = MEASURED if name == "measured" else palette.AFTER
             machine = Machine(stream, mj_model, f"world/{name}")
             qpos = robot_poses(mj_model, np.column_stack([pose, angles]))
             machine.log_bodies(Poses(mj_model, run.time, qpos), rollers_turn=False)
-            _log_name(stream, name, color)
+            log_name(stream, f"world/{name}/chassis", (0.0, 0.0, 0.45), name, color)
             _log_path(stream, name, pose, color)
-        _log_path(
-            stream,
-            "measured_beside",
-            places["measured"] - places["measured"][0] + places[run.plant][0],
-            _GREY,
-        )
+        beside = places["measured"] - places["measured"][0] + places[run.plant][0]
+        _log_path(stream, "measured_beside", beside, MEASURED)
         _log_courses(stream, run)
 
 
@@ -62,9 +59,6 @@ def side_by_side(run: DrivenRun) -> dict[str, Array]:
     """Poses of both robots beside each other, shape (k, 3) each: `measured` and the plant's name.
 
     Gaps of the measurement are bridged. The robots stand apart across the direction in which they drive.
-
-    Args:
-      run: The run on one plant.
     """
     measured, simulated = (
         np.column_stack([filled(column) for column in motion.pose.T])
@@ -84,20 +78,8 @@ def side_by_side(run: DrivenRun) -> dict[str, Array]:
     return {"measured": beside, run.plant: simulated}
 
 
-def _log_name(stream: rr.RecordingStream, name: str, color: str) -> None:
-    label = rr.Points3D(
-        [(0.0, 0.0, 0.45)],
-        radii=[0.012],
-        colors=[palette.rgb(palette.lighter(color, _LIGHTER))],
-        labels=[name],
-        show_labels=True,
-    )
-    stream.log(f"world/{name}/chassis/name", label, static=True)
-
-
 def _log_path(stream: rr.RecordingStream, name: str, pose: Array, color: str) -> None:
-    points = np.column_stack([pose[:, :2], np.full(len(pose), 0.006)]).astype(np.float32)
-    strip = rr.LineStrips3D([points], colors=[palette.rgb(color)], radii=[0.008])
+    strip = rr.LineStrips3D([on_floor(pose[:, :2], 0.006)], colors=[palette.rgb(color)], radii=[0.008])
     stream.log(f"world/paths/{name}", strip, static=True)
 
 
@@ -106,15 +88,12 @@ def _log_courses(stream: rr.RecordingStream, run: DrivenRun) -> None:
     measured, simulated = _courses(run, run.measured), _courses(run, run.simulated)
     index = time_column(run.time)
     for name in measured:
-        style = rr.SeriesLines(
-            colors=[palette.rgb(_GREY), palette.rgb(palette.AFTER)],
-            names=["measured", run.plant],
-            widths=[3.0, 1.5],
+        lines = (
+            Line(name, "measured", MEASURED, width=3.0),
+            Line(name, run.plant, palette.AFTER, width=1.5),
         )
-        stream.log(f"plots/{name}", style, static=True)
-        rows = np.column_stack([measured[name], simulated[name]])
-        columns = rr.Scalars.columns(scalars=rows.ravel())
-        stream.send_columns(f"plots/{name}", [index], columns.partition(np.full(len(rows), 2)))
+        log_styles(stream, f"plots/{name}", lines)
+        log_rows(stream, f"plots/{name}", index, np.column_stack([measured[name], simulated[name]]))
 
 
 def _courses(run: DrivenRun, motion: Motion) -> dict[str, Array]:
@@ -132,13 +111,6 @@ def _blueprint(run: DrivenRun) -> rrb.Blueprint:
         "heading": "Heading since the start [°]",
         **{f"current_{i}": f"Current of wheel {i} [A]" for i in wheels},
     }
-    space = rrb.Spatial3DView(
-        origin="world",
-        name=f"Measured and {run.plant}",
-        background=(238, 241, 245),
-        line_grid=False,
-        eye_controls=_eye(run),
-    )
     series = [
         rrb.TimeSeriesView(
             origin=f"plots/{name}",
@@ -147,23 +119,13 @@ def _blueprint(run: DrivenRun) -> rrb.Blueprint:
         )
         for name, title in titles.items()
     ]
-    return rrb.Blueprint(
-        rrb.Horizontal(space, rrb.Vertical(*series), column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-    )
+    return arranged(scene_view(f"Measured and {run.plant}", _eye(run)), rrb.Vertical(*series))
 
 
-def _eye(run: DrivenRun) -> rrb.EyeControls3D:
+def _eye(run: DrivenRun) -> Eye:
     """Camera behind the start that sees both paths."""
     points = np.vstack([pose[:, :2] for pose in side_by_side(run).values()])
     low, high = points.min(axis=0), points.max(axis=0)
     x, y = 0.5 * (low + high)
     far = 1.0 + float((high - low).max())
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=(x - 0.7 * far, y, 0.7 * far),
-        look_target=(x, y, 0.0),
-        eye_up=(0, 0, 1),
-    )
+    return Eye((x - 0.7 * far, y, 0.7 * far), (x, y, 0.0))

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from omnimj.control.recovery.modes import MODE_NAMES, NORMAL
 from omnimj.parameters import Rig, Robot
-from omnimj.signals import Trace, equal_stretches
+from omnimj.signals import Array, Trace, equal_stretches
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import palette
 from omnimj.view.poses import thin
@@ -29,7 +28,6 @@ from omnimj.view.wording import (
     recovery_spans,
 )
 
-Array = NDArray[np.float64]
 RATE = 200.0
 """Samples per second of the time series."""
 
@@ -73,13 +71,7 @@ class Plot:
 
 
 def plots_of(scenario: Scenario, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()) -> list[Plot]:
-    """Return all plots possible for a run of a scenario.
-
-    Args:
-      scenario: Scenario of the run.
-      method: Name of the detection method.
-      columns: Columns of the trace, or of the method's log.
-    """
+    """Return all plots possible for a run, by the columns of its trace or of the method's log."""
     found = families(columns, method, scenario.diagnosis.printed)
     own = _rig_plots(scenario.rig) if scenario.is_rig else _robot_plots(scenario.robot)
     return [*own, *map(_residual_plot, found), *_effectiveness_plot(columns)]
@@ -189,6 +181,22 @@ def with_columns(plots: Sequence[Plot], columns: Container[str]) -> list[Plot]:
     return [plot for plot in kept if plot.lines]
 
 
+def log_styles(stream: rr.RecordingStream, entity: str, lines: Sequence[Line]) -> None:
+    """Log colours, names and widths of the lines of a plot."""
+    style = rr.SeriesLines(
+        colors=[palette.rgb(line.color) for line in lines],
+        names=[line.name for line in lines],
+        widths=[line.width for line in lines],
+    )
+    stream.log(entity, style, static=True)
+
+
+def log_rows(stream: rr.RecordingStream, entity: str, index: rr.TimeColumn, rows: Array) -> None:
+    """Log the values of all lines of a plot, shape (k, lines)."""
+    columns = rr.Scalars.columns(scalars=rows.ravel())
+    stream.send_columns(entity, [index], columns.partition(np.full(len(rows), rows.shape[1])))
+
+
 class Signals:
     """Time series of a stream: one entity per plot, with all its lines in each row."""
 
@@ -196,12 +204,7 @@ class Signals:
         """Log the styles of the lines."""
         self._stream, self._plots = stream, plots
         for plot in plots:
-            style = rr.SeriesLines(
-                colors=[palette.rgb(line.color) for line in plot.lines],
-                names=[line.name for line in plot.lines],
-                widths=[line.width for line in plot.lines],
-            )
-            stream.log(plot.entity, style, static=True)
+            log_styles(stream, plot.entity, plot.lines)
 
     def add(self, trace: Trace) -> None:
         """Log the rows of a trace, thinned to `RATE` per second."""
@@ -209,9 +212,7 @@ class Signals:
         index = time_column(trace["time"][keep])
         for plot in self._plots:
             values = np.stack([line.scale * trace[line.column][keep] for line in plot.lines], axis=1)
-            columns = rr.Scalars.columns(scalars=values.ravel())
-            lengths = np.full(len(keep), len(plot.lines))
-            self._stream.send_columns(plot.entity, [index], columns.partition(lengths))
+            log_rows(self._stream, plot.entity, index, values)
 
 
 FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE = "fault", "diagnosis", "mode"
@@ -221,15 +222,7 @@ HEALTHY, AS_PLANNED = "healthy", MODE_NAMES[NORMAL]
 def log_states(
     stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any], wheels: int, is_rig: bool
 ) -> None:
-    """Log true faults and diagnoses, a lane per wheel, and the mode of the method.
-
-    Args:
-      stream: Recording.
-      trace: Whole run, or its first row alone for the state at the start.
-      metrics: Known content of `metrics.json`.
-      wheels: Number of wheels.
-      is_rig: True if the machine is the test rig.
-    """
+    """Log true faults and diagnoses, a lane per wheel, and the mode of the method."""
     duration = float(trace["time"][-1])
     _log_lanes(stream, FAULT_LANE, fault_spans(metrics, duration), wheels)
     if is_diagnosed(metrics):

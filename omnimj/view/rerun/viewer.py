@@ -85,11 +85,7 @@ class Viewer:
         return True
 
     def settle(self) -> None:
-        """Wait until a viewer without a window would have terminated, then detach from it.
-
-        Raises:
-          ViewerError: The viewer ended with an error; closing its window is not an error.
-        """
+        """Wait until a viewer without a window would have ended, then detach; raise an error if it failed."""
         while self.is_open and time.monotonic() < self._born + _WINDOW_TIMEOUT:
             time.sleep(_POLL_INTERVAL)
         try:
@@ -102,11 +98,7 @@ class Viewer:
         self._error_output.close()
 
     def check(self) -> None:
-        """Raise an error with the output of the viewer if it failed.
-
-        Raises:
-          ViewerError: The viewer ended with an error.
-        """
+        """Raise an error with the output of the viewer if it failed."""
         if self._process.poll() in (None, 0):
             return
         self._error_output.seek(0)
@@ -119,10 +111,7 @@ class Viewer:
 
 
 def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
-    """Open a viewer whose server listens on the loopback address only, and wait until it is ready.
-
-    Args:
-      arguments: Further options of the program `rerun`, such as `--headless`.
+    """Open a viewer that listens on the loopback address only, with options of `rerun`; wait for it.
 
     Raises:
       ViewerError: There is no display, or the viewer did not start; the message suggests an alternative.

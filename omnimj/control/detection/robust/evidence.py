@@ -11,6 +11,7 @@ from omnimj.control.cascade.heading import wrapped, yaw_rate_by_wheels, yaw_rate
 from omnimj.control.detection.robust.blocks import LONGEST_GAP, samples_per_block
 from omnimj.control.detection.robust.force_balance import (
     SLOW,
+    Recent,
     balance,
     columns,
     gear_column,
@@ -303,12 +304,12 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
     instructive_gear(robot, block, theta, accommodation, x[:, p])
     swing[:] = np.abs(evidence.force - swing)
     evidence.residual[:] = rho
-    slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
+    slowest, sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
         # what is left of a weak motor must be followed, ripple or not
         noise = 1.0 if accommodation.degraded.any() else coloured_variance(evidence.usual)
-        whiten(robot, theta, block.current, slowest, slowest_sideways, swing, accommodation, x, rho)
+        whiten(robot, theta, block.current, Recent(slowest, sideways, swing), accommodation, x, rho)
         row[: 3 * p], row[3 * (p + 1) :] = x[:, :p].copy().reshape(3 * p), x[:, p]
         if accommodation.relearning:
             _learn(robot, evidence, model.walk, noise, row)

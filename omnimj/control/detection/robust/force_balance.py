@@ -17,6 +17,7 @@ multiplies δ, ν and κ: their columns are those at the γ that has been learnt
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -240,8 +241,19 @@ def _subtract_centre(robot, block, x, rho, column):
         rho[k] -= x[k, column] * robot.centre[0] + x[k, column + 1] * robot.centre[1]
 
 
+class Recent(NamedTuple):
+    """What the last tenth of a second leaves uncertain about the forces of a block."""
+
+    slowest: Any
+    """Smallest |φ̇|, shape (n,) [rad/s]."""
+    sideways: Any
+    """Smallest roller speed, shape (n,) [m/s]."""
+    swing: Any
+    """Change of F̂ since the block before, shape (n,) [N]."""
+
+
 @kernel
-def whiten(robot, theta, current, slowest, sideways, swing, accommodation, x, rho):
+def whiten(robot, theta, current, recent, accommodation, x, rho):
     """Scale the rows of X and ρ, in place, so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did within the last tenth of a second, holds any friction between ± dry, and
@@ -261,9 +273,7 @@ def whiten(robot, theta, current, slowest, sideways, swing, accommodation, x, rh
       robot: `RobotConstants`.
       theta: θ as learnt, shape (p,).
       current: Mean over the block, shape (n,) [A].
-      slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
-      sideways: Smallest roller speed of the last tenth of a second, shape (n,) [m/s].
-      swing: Change of F̂ since the block before, shape (n,) [N].
+      recent: `Recent`.
       accommodation: `Accommodation`.
       x: X, shape (3, p) or with further columns, changed in place.
       rho: ρ, shape (3,), changed in place.
@@ -273,33 +283,44 @@ def whiten(robot, theta, current, slowest, sideways, swing, accommodation, x, rh
         cov[k, k] = NOISE[k] * NOISE[k]
         if k < 2 and accommodation.excluded_axes[k]:
             cov[k, k] = _UNKNOWN
-    n = slowest.size
+    for i in range(current.size):
+        _add_unknown_forces(robot, theta, current, recent, accommodation, i, cov, x)
+    _scale_rows(cov, x, rho)
+
+
+@kernel
+def _add_unknown_forces(robot, theta, current, recent, accommodation, i, cov, x):
+    """Add what is unknown of a wheel's forces to the covariance, shape (3, 3); fill its columns h and k."""
+    n, slowest, sideways = current.size, recent.slowest[i], recent.sideways[i]
     held = lasting(n)
-    for i in range(n):
-        more = 1.0 + max(theta[n + i], 0.0) if accommodation.degraded[i] else 1.0
-        full, dry, slow = robot.torque[i] * current[i], robot.dry[i] * more, slowest[i] < SLOW * more
-        resisted, rollers = rolling_drag(robot.floor, i, robot.radius[i] * slowest[i], SLOW_SIDEWAYS)
-        dry, rollers = dry + resisted, robot.load * robot.roller_dry + rollers
-        hidden = slow and (not accommodation.degraded[i] or abs(full) < _PULLS * dry)
-        lacks = _NOT_JUDGED * full if hidden else 0.0
-        elsewhere = robot.floor.stated and not (accommodation.included[i] or accommodation.degraded[i])
-        for k in range(3):
-            along, across = robot.forces[k, i], robot.across[i, k]
-            for j in range(3):
-                if accommodation.unknown_force[i]:
-                    cov[k, j] += along * robot.forces[j, i] * _UNKNOWN
-                elif slow:
-                    cov[k, j] += along * robot.forces[j, i] * (dry * dry + lacks * lacks)
-                cov[k, j] += along * robot.forces[j, i] * (TIMING * swing[i]) ** 2
-                if sideways[i] < SLOW_SIDEWAYS:
-                    cov[k, j] += across * robot.across[i, j] * rollers * rollers
-                if elsewhere:
-                    cov[k, j] += (across * robot.across[i, j] + along * robot.forces[j, i]) * _UNKNOWN
-            x[k, held + i] = along * dry if hidden else 0.0
-            if hidden:  # friction may take whatever the motor gives
-                x[k, i] = x[k, n + i] = 0.0
-            x[k, held + n + i] = across * rollers if sideways[i] < SLOW_SIDEWAYS else 0.0
-    # Cholesky factor L, then forward substitution of every column
+    more = 1.0 + max(theta[n + i], 0.0) if accommodation.degraded[i] else 1.0
+    full, dry, slow = robot.torque[i] * current[i], robot.dry[i] * more, slowest < SLOW * more
+    resisted, rollers = rolling_drag(robot.floor, i, robot.radius[i] * slowest, SLOW_SIDEWAYS)
+    dry, rollers = dry + resisted, robot.load * robot.roller_dry + rollers
+    hidden = slow and (not accommodation.degraded[i] or abs(full) < _PULLS * dry)
+    lacks = _NOT_JUDGED * full if hidden else 0.0
+    elsewhere = robot.floor.stated and not (accommodation.included[i] or accommodation.degraded[i])
+    for k in range(3):
+        along, across = robot.forces[k, i], robot.across[i, k]
+        for j in range(3):
+            if accommodation.unknown_force[i]:
+                cov[k, j] += along * robot.forces[j, i] * _UNKNOWN
+            elif slow:
+                cov[k, j] += along * robot.forces[j, i] * (dry * dry + lacks * lacks)
+            cov[k, j] += along * robot.forces[j, i] * (TIMING * recent.swing[i]) ** 2
+            if sideways < SLOW_SIDEWAYS:
+                cov[k, j] += across * robot.across[i, j] * rollers * rollers
+            if elsewhere:
+                cov[k, j] += (across * robot.across[i, j] + along * robot.forces[j, i]) * _UNKNOWN
+        x[k, held + i] = along * dry if hidden else 0.0
+        if hidden:  # friction may take whatever the motor gives
+            x[k, i] = x[k, n + i] = 0.0
+        x[k, held + n + i] = across * rollers if sideways < SLOW_SIDEWAYS else 0.0
+
+
+@kernel
+def _scale_rows(cov, x, rho):
+    """Multiply X and ρ by L⁻¹, L Lᵀ the covariance of their rows, shape (3, 3): forward substitution."""
     low = np.zeros((3, 3))
     for k in range(3):
         for j in range(k + 1):

@@ -28,15 +28,7 @@ _SHOWN = 5000  # messages between two steps of the progress
 
 
 def read_bag(path: Path, open_channel: OpenChannel, progress: Progress) -> str:
-    """Pass every message of a bag to the function that its channel was opened with.
-
-    Args:
-      path: Folder of a ROS 2 bag, its storage file `.db3`, or an MCAP file.
-      open_channel: Called at the first sight of each channel.
-      progress: Called now and then.
-
-    Returns:
-      The kind of file in words.
+    """Pass every message of a bag to the function of its channel; return the kind of file in words.
 
     Raises:
       InputError: A library is missing, or a file is damaged or of another kind.

@@ -212,10 +212,6 @@ class CdrNumbers:
     def __init__(self, type_name: str, types: Definitions):
         """Prepare the reading.
 
-        Args:
-          type_name: Such as `sensor_msgs/msg/Imu`.
-          types: Definitions of it and of the types in it.
-
         Raises:
           InputError: A type is not defined, contains itself, or has too many fields.
         """

@@ -60,12 +60,6 @@ def choose_clocks(
     they are of the same clock; else the times at which it was logged, if header stamps and logging agree to a
     second; else it cannot be joined.
 
-    Args:
-      place: File, for messages.
-      topics: Samples by topic.
-      base: Topic whose stamps are the rows.
-      forced: `header` or `log`, chosen by the user.
-
     Raises:
       InputError: Header stamps are requested and those of the base cannot be used.
     """

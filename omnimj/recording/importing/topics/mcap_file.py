@@ -36,11 +36,6 @@ def read_mcap(path: Path, open_channel: OpenChannel, progress: Progress) -> None
 
     Chunks are checked against their checksum, and expanded to the size they claim and no further.
 
-    Args:
-      path: MCAP file.
-      open_channel: Called at the first message of each channel.
-      progress: Called after every chunk.
-
     Raises:
       InputError: The mcap library is missing, or the file is damaged or of another kind.
     """
@@ -125,11 +120,7 @@ class _Reader:
             (self._stated,) = _LENGTH.unpack_from(body)
 
     def require_all_messages(self) -> None:
-        """Refuse a file that has lost messages, as one with a damaged chunk that is no longer seen as one.
-
-        Raises:
-          InputError: It has other messages than its statistics count.
-        """
+        """Refuse a file that has lost messages, as one with a damaged chunk that is no longer seen as one."""
         if self._stated is not None and self._stated != self._count:
             found = f"has {self._count} messages, its statistics count {self._stated}"
             raise InputError(self._path, found, _RECOVER)

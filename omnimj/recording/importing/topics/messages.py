@@ -47,11 +47,7 @@ def plain_type(name: str) -> str:
 
 
 def require_module(place: object, name: str, library: str) -> Any:
-    """Import a module of an optional library.
-
-    Raises:
-      MissingLibrary: It is not installed.
-    """
+    """Import a module of an optional library."""
     try:
         return importlib.import_module(name)
     except ImportError:

@@ -60,14 +60,7 @@ class Quantity:
 
 
 def quantity(type_name: str, path: str, stated: Mapping[str, str], renamed: Mapping[str, str]) -> Quantity:
-    """Find unit and meaning of a field.
-
-    Args:
-      type_name: Such as `sensor_msgs/Imu`.
-      path: Such as `angular_velocity.z`.
-      stated: Units that the definition states, by path.
-      renamed: Columns of omnimj by path, in files that omnimj exported.
-    """
+    """Find unit and meaning of a field."""
     kind = renamed.get(path) or next(
         (kind for of, field, kind in _KINDS if re.fullmatch(of, type_name) and re.search(field, path)), ""
     )

@@ -81,10 +81,6 @@ class _Content:
 def read_topics(path: Path, hints: SourceHints) -> SourceTable:
     """Read recorded messages as one table, a row at each stamp of one topic.
 
-    Args:
-      path: MCAP file, folder of a ROS 2 bag, or its storage file.
-      hints: Time base, stamps and rule between messages; columns and topics that are needed.
-
     Raises:
       InputError: A library is missing, the file is damaged, or no topic has numbers.
       UnknownNameError: The topic of the time base is not in the file.

@@ -31,11 +31,7 @@ class Budget:
         self._path, self._held = path, 0
 
     def spend(self, numbers: int) -> None:
-        """Count further numbers.
-
-        Raises:
-          InputError: There are more than `MOST_NUMBERS`.
-        """
+        """Count further numbers."""
         self._held += numbers
         if self._held > MOST_NUMBERS:
             rule = "name the topics that you need with --topics"
@@ -70,11 +66,7 @@ class Series:
         self.count = 0
 
     def take(self, logged: int, payload: memoryview) -> None:
-        """Read one message and keep its numbers.
-
-        Raises:
-          InputError: It cannot be read, or the fields of the topic keep changing.
-        """
+        """Read one message and keep its numbers."""
         try:
             stamp, key, values = self._read(payload)
         except Exception as error:  # damaged messages raise errors of many kinds

@@ -13,6 +13,7 @@ from omnimj.control.detection.robust.blocks import Block
 from omnimj.control.detection.robust.force_balance import (
     NOISE,
     VISCOUS_AT,
+    Recent,
     balance,
     columns,
     gear_column,
@@ -156,7 +157,7 @@ def test_whitened_noise_has_the_size_one():
     unknown = HEALTHY._replace(unknown_force=np.array([False, False, False, True]))
     x, rho = np.zeros((3, P)), np.zeros(3)
     x[:, 2 * N + 2 : 2 * N + 5] = np.eye(3)
-    whiten(C, np.zeros(P), np.zeros(N), slowest, sideways, np.zeros(N), unknown, x, rho)
+    whiten(C, np.zeros(P), np.zeros(N), Recent(slowest, sideways, np.zeros(N)), unknown, x, rho)
     factor = x[:, 2 * N + 2 : 2 * N + 5]  # L⁻¹
     cov = np.linalg.inv(factor) @ np.linalg.inv(factor).T
     sample = factor @ np.linalg.cholesky(cov) @ rng.standard_normal((3, 20000))
@@ -174,7 +175,7 @@ def test_a_slow_wheel_informs_on_its_motor_only_when_that_is_known_to_be_weak_an
     currents, slow = np.array([current, 0.0, 0.0, 0.0]), np.array([0.1, 9.0, 9.0, 9.0])
     x, rho = balanced(currents, (0.0, 9.0, -9.0, 9.0))
     rows, known = x.copy(), HEALTHY._replace(degraded=np.array([weak, False, False, False]))
-    whiten(C, np.zeros(P), currents, slow, np.ones(N), np.zeros(N), known, x, rho)
+    whiten(C, np.zeros(P), currents, Recent(slow, np.ones(N), np.zeros(N)), known, x, rho)
     assert bool(x[:, 0].any()) is judged
     if judged:  # of the same balance as the others, with any friction that the wheel may hold
         assert x[:, lasting(N)].tolist() == [0.0] * 3

@@ -15,6 +15,7 @@ from omnimj.control.detection.robust.force_balance import (
     LEARNT_FULLY,
     NOISE,
     TIMING,
+    Recent,
     balance,
     columns,
     gear_column,
@@ -98,7 +99,7 @@ def test_a_force_that_swings_is_uncertain_along_its_wheel_by_its_change_in_the_t
     x, rho = np.zeros((3, P)), np.zeros(3)
     free = slice(mass_column(N), mass_column(N) + 3)
     x[:, free] = np.eye(3)
-    whiten(C, np.zeros(P), current, fast, np.ones(N), swing, HEALTHY, x, rho)
+    whiten(C, np.zeros(P), current, Recent(fast, np.ones(N), swing), HEALTHY, x, rho)
     low = np.linalg.inv(x[:, free])
     along = C.forces[:, 0]
     assert low @ low.T == pytest.approx(
