@@ -12,8 +12,11 @@ _ANY = 1e6
 _P = EffectParameter
 
 
-def _effect(name: str, words: str, parameters: tuple[EffectParameter, ...], hook: Hook) -> Effect:
-    return Effect(name, words, JOINT, (MJCF,), parameters, (ON_JOINT,), (hook,))
+def _effect(
+    name: str, words: str, parameters: tuple[EffectParameter, ...], hook: Hook, has_threshold: bool = False
+) -> Effect:
+    hooks = (hook,)
+    return Effect(name, words, JOINT, (MJCF,), parameters, (ON_JOINT,), hooks, has_threshold=has_threshold)
 
 
 EFFECTS: tuple[Effect, ...] = (
@@ -98,6 +101,7 @@ EFFECTS: tuple[Effect, ...] = (
         "play between the motor, which is measured, and what the joint moves, at every reversal",
         (_P("angle", "m", 0.0, _ANY, 1e-3),),
         adds_term(JOINT, "play", "angle"),
+        has_threshold=True,
     ),
 )
 """Effects of a joint."""

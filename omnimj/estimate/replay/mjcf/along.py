@@ -51,6 +51,7 @@ class Motion:
         position: Array,
         speed: Array,
         acceleration: Array,
+        balanced_speed: Array,
         rigid: Array,
         readings: Array,
         bent: tuple[Array, Array, Array] | None = None,
@@ -58,6 +59,8 @@ class Motion:
     ):
         self.position, self.speed, self.acceleration = position, speed, acceleration
         """Motion of the motors, shape (n, j) each."""
+        self.balanced_speed = balanced_speed
+        """Their speed for balances of forces, see `MachineLog.balanced_speed`, shape (n, j)."""
         self.bent = bent
         """Deflections of the springs, their speeds and accelerations, shape (n, j) each; None without any."""
         self.play = play
@@ -129,9 +132,9 @@ class Dynamics:
                 self._true(values[:, j], laws.channel(f"position:{name}"), order, laws.has_force(j))
                 for j, name in enumerate(self._machine.joints)
             ]
-            for order, values in enumerate((log.position, log.speed, log.acceleration))
+            for order, values in enumerate((log.position, log.speed, log.acceleration, log.balanced_speed))
         ]
-        position, speed, acceleration = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
+        position, speed, acceleration, balanced = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
         forces = functools.partial(self._forces, laws)
         rigid, readings = forces(position, speed, acceleration)
         bent = None
@@ -145,7 +148,7 @@ class Dynamics:
         if laws.joints[:, PLAY].any():
             inertia = self._inertias(laws, position, speed, acceleration, rigid)
             play = links_behind_play(laws.joints, log, (position, speed, acceleration), rigid, inertia)
-        return Motion(position, speed, acceleration, rigid, readings, bent, play)
+        return Motion(position, speed, acceleration, balanced, rigid, readings, bent, play)
 
     def _inertias(self, laws: Laws, q: Array, v: Array, a: Array, rigid: Array) -> Array:
         """Inertia of the links about each joint with play, shape (n, j) [kg or kg.m2]."""
@@ -173,7 +176,7 @@ class Dynamics:
         return rigid, readings
 
     def _true(self, values: Array, reading: ChannelEffect, order: int, is_smooth: bool) -> Array:
-        """Motion of a joint from readings of its encoder; order 0: position, 1: speed, 2: acceleration."""
+        """Motion of a joint from readings of its encoder; order 0: position, otherwise a derivative of it."""
         if reading == ChannelEffect():
             return values
         offset = reading.offset if order == 0 else 0.0

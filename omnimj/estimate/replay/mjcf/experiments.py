@@ -72,6 +72,7 @@ def moved_log(log: MachineLog, joints: Sequence[str], spans: Spans, experiment: 
         position=position,
         speed=speed,
         acceleration=acceleration,
+        balanced_speed=speed,
         inputs=np.zeros(shape),
         enabled=np.ones(shape, bool),
         velocity=nothing,

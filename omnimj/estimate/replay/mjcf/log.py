@@ -1,8 +1,8 @@
 """Runs of any machine on a common clock: smoothed motion, inputs, stretches, windows and blocks.
 
-Motion and inputs pass the same filter, local cubics, so that a linear balance of forces holds between the
-filtered signals as between the true ones. A joint's filter is the narrowest whose acceleration is clear of
-the noise of the encoder.
+Motion and inputs pass local cubics, beside a measured force one and the same filter (`filters`), so that a
+linear balance of forces holds between the filtered signals as between the true ones. A joint's filter is the
+narrowest whose acceleration is clear of the noise of the encoder.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from omnimj.errors import InputError
 from omnimj.estimate.replay.mjcf.columns import MeasuredParts
+from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed
 from omnimj.estimate.replay.stretches import WINDOW, on_clock, split_at_gaps, white_noise
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
@@ -50,7 +51,9 @@ class MachineLog:
     position: Array
     speed: Array
     acceleration: Array
-    """Smoothed motion, shape (n, j) each."""
+    """Smoothed motion, shape (n, j) each; positions and speeds by local cubics."""
+    balanced_speed: Array
+    """Speed for balances of forces; beside a measured force under its filter, shape (n, j)."""
     inputs: Array
     """Smoothed force or command of each joint's actuator, 0 without one, shape (n, j)."""
     enabled: NDArray[np.bool_]
@@ -72,7 +75,7 @@ class MachineLog:
 
     @property
     def filter_widths(self) -> list[int]:
-        """Width of each joint's filter of local cubics [rows]; 5 at least."""
+        """Width of each joint's filter [rows]; 5 at least."""
         return [max(2 * round(half / self.period) + 1, 5) for half in self.reach.tolist()]
 
     @property
@@ -175,7 +178,8 @@ def _smoothed(
 ) -> dict[str, Any]:
     """Rows of one stretch by the names of `MachineLog`."""
     n, j = len(stretch.time), len(parts.joints)
-    found: dict[str, Any] = {key: np.zeros((n, j)) for key in ("position", "speed", "acceleration", "inputs")}
+    names = ("position", "speed", "acceleration", "balanced_speed", "inputs")
+    found: dict[str, Any] = {key: np.zeros((n, j)) for key in names}
     found["velocity"] = np.full((n, j), np.nan)
     enabled, valid = np.ones((n, j), bool), np.ones((n, j), bool)
     for k, name in enumerate(parts.joints):
@@ -183,12 +187,17 @@ def _smoothed(
         place = stretch.columns[f"position:{name}"]
         for d, key in enumerate(("position", "speed", "acceleration")):
             found[key][:, k] = savgol_filter(place, width, 3, deriv=d, delta=period)
+        own, smooth = parts.inputs[k], _local_cubic
+        found["balanced_speed"][:, k] = found["speed"][:, k]
+        if own is not None and own.is_force:
+            smooth = filtered
+            found["balanced_speed"][:, k] = filtered_speed(place, width, period)
         bad = np.asarray(stretch.masked[f"position:{name}"])
         if parts.has_velocity[k]:
-            found["velocity"][:, k] = savgol_filter(stretch.columns[f"velocity:{name}"], width, 3)
+            found["velocity"][:, k] = smooth(stretch.columns[f"velocity:{name}"], width)
             found["velocity"][_near(stretch.masked[f"velocity:{name}"], width), k] = np.nan
-        if (own := parts.inputs[k]) is not None:
-            found["inputs"][:, k] = savgol_filter(stretch.columns[own.column], width, 3)
+        if own is not None:
+            found["inputs"][:, k] = smooth(stretch.columns[own.column], width)
             bad = bad | stretch.masked[own.column]
             on = stretch.columns.get(f"enabled:{own.drive.name}")
             if on is not None:
@@ -196,7 +205,7 @@ def _smoothed(
                 bad = bad | ~enabled[:, k]
         valid[:, k] = ~_near(bad, width)
         valid[: width // 2, k] = valid[n - width // 2 :, k] = False
-    sensors: list[Any] = [savgol_filter(stretch.columns[f"sensor:{s}"], widths[0], 3) for s in parts.sensors]
+    sensors: list[Any] = [_local_cubic(stretch.columns[f"sensor:{s}"], widths[0]) for s in parts.sensors]
     rows = slice(0, n, stride)
     whole = {key: _thinned(values, stride) for key, values in found.items()}
     stacked = np.column_stack(sensors) if sensors else np.zeros((n, 0))
@@ -207,6 +216,10 @@ def _smoothed(
         "sensors": stacked[rows],
     }
     return {**whole, **more}
+
+
+def _local_cubic(values: Array, width: int) -> Array:
+    return np.asarray(savgol_filter(values, width, 3))
 
 
 def _thinned(values: Array, stride: int) -> Array:

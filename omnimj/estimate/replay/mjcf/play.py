@@ -10,8 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import correlate1d
 from scipy.signal import savgol_filter
 
+from omnimj.estimate.replay.mjcf.filters import same_filter
 from omnimj.estimate.replay.mjcf.kernels import PLAY, REST_SPEED, damping, dry_friction, steady_force
 from omnimj.estimate.replay.mjcf.log import MachineLog
 from omnimj.physics.native import kernel
@@ -57,7 +59,7 @@ def links_behind_play(
                 gap[order, part, j] = savgol_filter(
                     found[0, part], width, 3, deriv=order, delta=log.period, mode="nearest"
                 )
-            force[part, j] = savgol_filter(found[1, part], width, 3, mode="nearest")
+            force[part, j] = correlate1d(found[1, part], same_filter(log.filter_widths[j]), mode="nearest")
     return Play(gap, force, links, contact)
 
 
@@ -80,14 +82,11 @@ def follow_links(law, stretches, h, position, speed, acceleration, rigid, inerti
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
         side = _first_side(law, position, speed, rigid, first, last)
-        gap, link = side * half, speed[first]
+        gap, link, hit, later = side * half, speed[first], 0.0, 0.0
         for k in range(first, last):
-            v, impulse = speed[k], 0.0
+            v, impulse, share = speed[k], hit, later
+            hit, later = 0.0, 0.0
             plain = rigid[k] + steady_force(law, position[k]) + damping(law, v) * v
-            if side == 0.0 and abs(gap) >= half:
-                side = 1.0 if gap > 0.0 else -1.0
-                gap = side * half
-                impulse = inertia[k] * (v - link) / h
             if side != 0.0:
                 forward, backward = dry_friction(law, position[k], v, rigid[k])
                 resting = min(max(-plain, -backward), forward)
@@ -99,12 +98,19 @@ def follow_links(law, stretches, h, position, speed, acceleration, rigid, inerti
                     side, impulse = 0.0, 0.0
             found[0, k], found[2, k] = gap, link
             found[3, k] = 1.0 if side != 0.0 else 0.0
-            found[1, k] = impulse if side != 0.0 else -plain
+            found[1, k] = share * impulse if side != 0.0 else -plain
             if side == 0.0 and k + 1 < last:
                 after = _alone(
                     law, position[k] - gap, link, rigid[k] - inertia[k] * acceleration[k], inertia[k], h
                 )
-                gap += 0.5 * h * (v + speed[k + 1] - link - after)
+                moved = 0.5 * h * (v + speed[k + 1] - link - after)
+                if abs(gap + moved) >= half:  # they meet between the rows, which share the blow by its time
+                    side = 1.0 if gap + moved > 0.0 else -1.0
+                    later = (side * half - gap) / moved
+                    hit = inertia[k] * ((1.0 - later) * (v - link) + later * (speed[k + 1] - after)) / h
+                    found[1, k] += (1.0 - later) * hit
+                    moved = side * half - gap
+                gap += moved
                 link = after
 
 

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
-from scipy.signal import savgol_coeffs
 
 from omnimj.effects import MJCF
 from omnimj.estimate.replay.interface import (
@@ -30,6 +29,7 @@ from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
 from omnimj.estimate.replay.mjcf.columns import measured_parts, stated_masses
 from omnimj.estimate.replay.mjcf.contacts import free_runs
 from omnimj.estimate.replay.mjcf.experiments import machine_experiments, moved_log
+from omnimj.estimate.replay.mjcf.filters import same_filter
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
     CURVE_HIGH,
@@ -215,7 +215,7 @@ class MachineReplay:
     def _readings(self, laws: Laws, motion: Motion) -> list[Array]:
         """Predicted velocities and sensors, block means."""
         series = [
-            (f"velocity:{name}", motion.speed[:, j])
+            (f"velocity:{name}", motion.balanced_speed[:, j])
             for j, name in enumerate(self.parts.joints)
             if self.parts.has_velocity[j]
         ]
@@ -356,14 +356,14 @@ def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands
     Dry friction jumps where the smoothed motion turns; that beside a measured force passes its filter, too.
     """
     found, friction = np.empty(commands.shape), np.empty(commands.shape)
-    columns = np.stack([motion.position, motion.speed, motion.acceleration])
+    columns = np.stack([motion.position, motion.balanced_speed, motion.acceleration])
     links = np.stack([motion.rigid, motion.speed, np.ones(motion.speed.shape)])
     if (play := motion.play) is not None:
         links = np.stack([motion.rigid + play.force, play.speed, play.contact])
     numbers = (columns, links, commands, log.enabled, found, friction)
     kernels.missing_forces(laws.joints, curve, log.times, *numbers)
     for j, width in enumerate(log.filter_widths):
-        weights = savgol_coeffs(width, 3) if laws.has_force(j) else np.ones(1)
+        weights = same_filter(width) if laws.has_force(j) else np.ones(1)
         for first, last, _, _ in log.stretches:
             part = slice(int(first), int(last))
             found[part, j] += correlate1d(friction[part, j], weights, mode="nearest")

@@ -1,0 +1,53 @@
+"""The filter that acceleration, speed and inputs share, so that M q̈ + b q̇ = F holds between filtered signals.
+
+A local cubic does not give a value and its second derivative under one filter: to the second order in the
+half width T the value is exact, and the derivative is that of q + T²/14 q̈. A balance of the two lacks the
+force T²/14 M d²q̈/dt², as if a spring of the compliance T²/(14 M) were between motor and load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import correlate1d
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from omnimj.signals import Array
+
+
+def same_filter(width: int) -> Array:
+    """Weights w with Σ w_i q̈_i = Σ g_i q_i, where g is the second derivative by a local cubic.
+
+    Twice summed, g is a kernel that is linear between the samples; its integral over a smooth q̈ is, to the
+    fourth order, the sum of the samples with the weights of Numerov's method.
+
+    Args:
+      width: Samples of the local cubic, odd, 5 at least.
+
+    Returns:
+      Shape (width,), of sum 1.
+    """
+    return np.convolve(_kernel(width), np.array([1.0, 10.0, 1.0]) / 12.0)
+
+
+def filtered(values: Array, width: int) -> Array:
+    """Values under the filter of the acceleration, shape (n,); local cubics at the ends."""
+    return _inside(np.asarray(savgol_filter(values, width, 3)), values, same_filter(width))
+
+
+def filtered_speed(position: Array, width: int, period: float) -> Array:
+    """Speed under the filter of the acceleration, shape (n,); local cubics at the ends."""
+    weights = np.convolve(_kernel(width), np.array([-0.5, 0.0, 0.5]) / period)
+    ends = np.asarray(savgol_filter(position, width, 3, deriv=1, delta=period))
+    return _inside(ends, position, weights)
+
+
+def _kernel(width: int) -> Array:
+    """Kernel whose second differences are the weights of the second derivative, shape (width − 2,)."""
+    return np.cumsum(np.cumsum(savgol_coeffs(width, 3, deriv=2)))[:-2]
+
+
+def _inside(ends: Array, values: Array, weights: Array) -> Array:
+    half, found = len(weights) // 2, np.array(ends, float)
+    inside = slice(half, len(found) - half)
+    found[inside] = correlate1d(np.asarray(values, float), weights)[inside]
+    return found

@@ -1,0 +1,46 @@
+"""The filter of a balance of forces: one for acceleration, speed and force."""
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+
+from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed, same_filter
+
+PERIOD = 0.002
+TIME = np.arange(600) * PERIOD
+
+
+@pytest.mark.parametrize("width", [5, 9, 17, 35])
+def test_its_weights_have_the_sum_one_and_no_shift(width):
+    weights = same_filter(width)
+    assert len(weights) == width and weights.min() > 0.0
+    assert weights.sum() == pytest.approx(1.0, abs=1e-12)
+    assert weights == pytest.approx(weights[::-1], abs=1e-12)
+
+
+@pytest.mark.parametrize("width", [5, 9, 17, 35])
+@pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
+def test_a_filtered_force_is_that_of_the_filtered_motion_at_every_frequency(width, frequency):
+    rate, inside = 2.0 * np.pi * frequency, slice(width, -width)
+    place = np.sin(rate * TIME + 0.3)
+    speed, bend = rate * np.cos(rate * TIME + 0.3), -(rate**2) * place
+    estimate = savgol_filter(place, width, 3, deriv=2, delta=PERIOD)
+    step = rate * PERIOD
+    assert np.abs(filtered(bend, width) - estimate)[inside].max() < rate**2 * step**4
+    difference = filtered(speed, width) - filtered_speed(place, width, PERIOD)
+    assert np.abs(difference)[inside].max() < rate * step**2
+
+
+def test_a_local_cubic_of_the_force_is_not():
+    rate, width = 2.0 * np.pi * 5.0, 17
+    place, reach = np.sin(rate * TIME), 8.5 * PERIOD
+    estimate = savgol_filter(place, width, 3, deriv=2, delta=PERIOD)
+    lacks = (savgol_filter(-(rate**2) * place, width, 3) - estimate)[width:-width]
+    expected = (-(rate**4) * reach**2 / 14.0 * place)[width:-width]
+    assert lacks == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
+
+
+def test_the_ends_are_local_cubics():
+    values = TIME**3 - TIME
+    assert filtered(values, 9)[:4] == pytest.approx(values[:4], abs=1e-9)
+    assert filtered_speed(values, 9, PERIOD)[-4:] == pytest.approx((3.0 * TIME**2 - 1.0)[-4:], abs=1e-6)
