@@ -264,9 +264,9 @@ def update_oscillation(oscillation, values):
 def oscillation_swing(swing, mean_square):
     """Change from block to block whose `TIMING` is as uncertain as swing and oscillation together [N].
 
-    A force that oscillates with amplitude A about zero, with a gain that differs by g between both
-    directions, has a mean of g A/π, 0.3 to 0.5 A for any gear: the mean over a block is uncertain by that, and
-    so are all blocks of a window alike, ten times of which the variance has to stand for.
+    A force of amplitude A about zero, with a gain that differs by g between both directions, has a mean of
+    g A/π, 0.3 to 0.5 A for most gears. All blocks of a window are off by it alike, which white noise of the
+    size of the amplitude stands for.
 
     Args:
       swing: Change of F̂ since the block before [N].

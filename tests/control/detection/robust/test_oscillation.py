@@ -118,6 +118,7 @@ def test_a_twin_whose_yaw_loop_oscillates_drives_a_mission_without_an_alarm(numb
     scenario = nominal_scenario(case)
     trace = drive_on_plant(scenario, make_true_plant(case, scenario, ()), make_detector("robust", scenario))
     assert trace.about["diagnoses"] == []
+    assert case.structure is not None
     prompt = dataclasses.replace(case.structure, delays=dict.fromkeys(case.structure.delays, 0.0))
     calm = dataclasses.replace(case, structure=prompt)
     quiet = drive_on_plant(scenario, make_true_plant(calm, scenario, ()), make_detector("robust", scenario))
