@@ -19,7 +19,9 @@ from omnimj.control.detection.robust.force_balance import (
     lasting,
     least_gear_share,
     mass_column,
+    oscillation_swing,
     roller_speeds,
+    update_oscillation,
     whiten,
 )
 from omnimj.control.detection.robust.glr import (
@@ -124,6 +126,9 @@ class Evidence(NamedTuple):
     """Row of `recent` that is written next, shape (1,), integer."""
     force: Array
     """F̂ of the last block, shape (n,) [N]."""
+    oscillation: Array
+    """Of `update_oscillation`: the motors' forces before the gear's losses at braking [N], then the speeds of
+    the wheels' rims [m/s], shape (3, 2n)."""
     velocity: Array
     """States of the filters without wheel 1 … n, and with all: shape (n+1, STATE)."""
     velocity_cov: Array
@@ -187,6 +192,7 @@ def initial_evidence(wheels: int) -> Evidence:
         recent=np.zeros((RECENT, 2 * wheels)),
         recent_row=np.array([0]),
         force=np.zeros(wheels),
+        oscillation=np.zeros((3, 2 * wheels)),
         velocity=np.zeros((wheels + 1, STATE)),
         velocity_cov=np.tile(np.diag([1e-6, 1e-6, 4e-4, 4e-4]), (wheels + 1, 1, 1)),
         monitors=initial_monitors(wheels),
@@ -286,6 +292,19 @@ def _release_bias_on_slope(robot, included, monitors, velocity_cov):
                 velocity_cov[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
 
 
+@kernel
+def _oscillate(robot, block, swing, oscillation):
+    """Take a block into the oscillation, in place; `oscillation_swing` of every wheel, shape (n,) [N]."""
+    n = swing.size
+    values, unsteady = np.empty(2 * n), np.empty(n)
+    for i in range(n):
+        values[i], values[n + i] = robot.torque[i] * block.current[i], robot.radius[i] * block.wheel_speed[i]
+    update_oscillation(oscillation, values)
+    for i in range(n):
+        unsteady[i] = oscillation_swing(swing[i], oscillation[2, i])
+    return unsteady
+
+
 @inlined
 def _update_force_channel(parameters, block, accommodation, evidence, swing):
     """Force channel of `update_evidence`; whether the robot moves enough to be judged.
@@ -304,12 +323,13 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
     instructive_gear(robot, block, theta, accommodation, x[:, p])
     swing[:] = np.abs(evidence.force - swing)
     evidence.residual[:] = rho
+    unsteady = _oscillate(robot, block, swing, evidence.oscillation)
     slowest, sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
         # what is left of a weak motor must be followed, ripple or not
         noise = 1.0 if accommodation.degraded.any() else coloured_variance(evidence.usual)
-        whiten(robot, theta, block.current, Recent(slowest, sideways, swing), accommodation, x, rho)
+        whiten(robot, theta, block.current, Recent(slowest, sideways, unsteady), accommodation, x, rho)
         row[: 3 * p], row[3 * (p + 1) :] = x[:, :p].copy().reshape(3 * p), x[:, p]
         if accommodation.relearning:
             _learn(robot, evidence, model.walk, noise, row)
@@ -336,7 +356,7 @@ def _update_slip_channel(parameters, block, accommodation, evidence, swing, movi
     for i in range(n):
         learns = accommodation.relearning and accommodation.degraded[i]
         unknown[i] = robot.floor.stated and (learns or evidence.recent[:, i].min() < SLOW)
-    traction = Traction(load, evidence.force, swing, creep, moving, unknown)
+    traction = Traction(load, evidence.force, swing, evidence.oscillation[2, n:], creep, moving, unknown)
     for i in range(n):
         update_wheel_monitors(
             parameters, block, included, traction, velocity[i], velocity_cov[i], monitors, i
@@ -412,6 +432,7 @@ def restart_evidence(robot, block, gap, included, evidence):
     if gap > LONGEST_GAP:
         evidence.history.cursor[FILLED] = 0
         clear_scores(evidence.scores)
+        evidence.oscillation[1:] = 0.0
 
 
 @inlined

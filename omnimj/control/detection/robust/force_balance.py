@@ -41,6 +41,7 @@ LEARNT_FROM, LEARNT_FULLY = 1.0, 2.0
 """Traction before the gear from which γ is learnt, and from which it is learnt fully [N]."""
 TIMING = 0.3
 """Uncertainty of the channels' relative times as a share of a block: 3 ms, as sensors and filters differ."""
+_SHAKEN = 10.0  # blocks over which an oscillation is averaged
 _COMMON = 9  # entries of θ that all wheels share: β, λ, μ, ι, γ, κ, c
 
 
@@ -249,7 +250,41 @@ class Recent(NamedTuple):
     sideways: Any
     """Smallest roller speed, shape (n,) [m/s]."""
     swing: Any
-    """Change of F̂ since the block before, shape (n,) [N]."""
+    """Change of F̂ since the block before, and `oscillation_swing`, shape (n,) [N]."""
+
+
+@kernel
+def update_oscillation(oscillation, values):
+    """Take the values of one block into their mean square oscillation, in place.
+
+    Mean of −Δ_k Δ_{k−1}, where positive: changes that alternate from block to block, as they do where a loop
+    oscillates at 25 Hz or more, 0.7 to 2 times the square of the amplitude. A change that lasts, like that of
+    a fault, does not count.
+
+    Args:
+      oscillation: Last values, last changes and mean squares, shape (3, m).
+      values: Of the block, shape (m,).
+    """
+    for k in range(values.size):
+        change = values[k] - oscillation[0, k]
+        square = max(-change * oscillation[1, k], 0.0)
+        oscillation[2, k] += (square - oscillation[2, k]) / _SHAKEN
+        oscillation[0, k], oscillation[1, k] = values[k], change
+
+
+@kernel
+def oscillation_swing(swing, mean_square):
+    """Change from block to block whose `TIMING` is as uncertain as swing and oscillation together [N].
+
+    A force of amplitude A about zero, with a gain that differs by g between both directions, has a mean of
+    g A/π, 0.3 to 0.5 A for most gears. All blocks of a window are off by it alike, which white noise of the
+    size of the amplitude stands for.
+
+    Args:
+      swing: Change of F̂ since the block before [N].
+      mean_square: Mean square of the oscillation of the motor's force [N²].
+    """
+    return math.sqrt(swing * swing + mean_square / (TIMING * TIMING))
 
 
 @kernel
@@ -267,7 +302,8 @@ def whiten(robot, theta, current, recent, accommodation, x, rho):
     A wheel that slips on a stated floor may stand on another one, whose drag is not known.
 
     A force that changes from block to block is known as of a time only that is uncertain by `TIMING`; where a
-    loop oscillates, the gear's share, which differs between both directions, is not even that of the mean.
+    loop oscillates, the gear's share, which differs between both directions, is not even that of the mean,
+    from one block to the next in the same sense (`oscillation_swing`).
 
     Args:
       robot: `RobotConstants`.

@@ -51,6 +51,7 @@ _FADES = 0.9  # factor per block on the counted way, once the wheel pulls the ot
 _SPREADS = (
     4.0  # variance ratio beyond which the other wheels leave dead reckoning; wheels 120 degrees apart: 2
 )
+_UNSURE = 0.5  # standard deviation of the creep beside an oscillation, as a share of it
 _SIGMAS = 2.0  # standard deviations of the body's velocity by which a wheel may be off
 _DRIFTS = 3.0  # factor on it under dead reckoning: errors of the accelerometer are not white
 _GRIP = 0.08  # μ of a usual floor
@@ -115,6 +116,9 @@ class Traction(NamedTuple):
     """F̂, shape (n,) [N]."""
     swing: Array
     """Change of F̂ since the block before, shape (n,) [N]."""
+    oscillation: Array
+    """Mean square oscillation of the speeds of the wheels' rims, from `update_oscillation`, shape (n,)
+    [m²/s²]."""
     creep: Array
     """Expected creep and its uncertainty, shape (n, 2) [m/s]."""
     moving: bool
@@ -404,8 +408,10 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
     if _is_dead_reckoning(robot, included, i):
         deviation *= _DRIFTS
     load = traction.load
-    # where a loop oscillates from block to block, the creep is that of a force between both
+    # where a loop oscillates from block to block, the creep is that of a force between both; its times are
+    # uncertain, and a floor whose grip ends within the oscillation gives a mean that no law of the mean has
     deviation = math.hypot(deviation, 0.5 * traction.swing[i] / (CREEP_SLOPE * load))
+    deviation = math.hypot(deviation, _UNSURE * math.sqrt(traction.oscillation[i]))
     if robot.floor.stated:
         load = effective_load(robot.floor, i, load / robot.load)
         deviation = math.hypot(deviation, _creep_doubt(robot, included, traction.creep, i))
