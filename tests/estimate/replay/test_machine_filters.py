@@ -24,7 +24,7 @@ def test_a_filtered_force_is_that_of_the_filtered_motion_at_every_frequency(widt
     rate, inside = 2.0 * np.pi * frequency, slice(width, -width)
     place = np.sin(rate * TIME + 0.3)
     speed, bend = rate * np.cos(rate * TIME + 0.3), -(rate**2) * place
-    estimate = savgol_filter(place, width, 3, deriv=2, delta=PERIOD)
+    estimate = np.asarray(savgol_filter(place, width, 3, deriv=2, delta=PERIOD))
     step = rate * PERIOD
     assert np.abs(filtered(bend, width) - estimate)[inside].max() < rate**2 * step**4
     difference = filtered(speed, width) - filtered_speed(place, width, PERIOD)
@@ -34,8 +34,8 @@ def test_a_filtered_force_is_that_of_the_filtered_motion_at_every_frequency(widt
 def test_a_local_cubic_of_the_force_is_not():
     rate, width = 2.0 * np.pi * 5.0, 17
     place, reach = np.sin(rate * TIME), 8.5 * PERIOD
-    estimate = savgol_filter(place, width, 3, deriv=2, delta=PERIOD)
-    lacks = (savgol_filter(-(rate**2) * place, width, 3) - estimate)[width:-width]
+    estimate = np.asarray(savgol_filter(place, width, 3, deriv=2, delta=PERIOD))
+    lacks = (np.asarray(savgol_filter(-(rate**2) * place, width, 3)) - estimate)[width:-width]
     expected = (-(rate**4) * reach**2 / 14.0 * place)[width:-width]
     assert lacks == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
 
