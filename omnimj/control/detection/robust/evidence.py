@@ -127,8 +127,8 @@ class Evidence(NamedTuple):
     force: Array
     """F̂ of the last block, shape (n,) [N]."""
     oscillation: Array
-    """Of `update_oscillation`: the motors' forces before the gear's losses at braking [N], then the speeds of
-    the wheels' rims [m/s], shape (3, 2n)."""
+    """State of `update_oscillation` for the motors' forces before the gear's losses [N] and the speeds of the
+    wheels' rims [m/s], shape (3, 2n)."""
     velocity: Array
     """States of the filters without wheel 1 … n, and with all: shape (n+1, STATE)."""
     velocity_cov: Array
@@ -294,7 +294,7 @@ def _release_bias_on_slope(robot, included, monitors, velocity_cov):
 
 @kernel
 def _oscillate(robot, block, swing, oscillation):
-    """Take a block into the oscillation, in place; `oscillation_swing` of every wheel, shape (n,) [N]."""
+    """Update the oscillation in place; return `oscillation_swing` of every wheel, shape (n,) [N]."""
     n = swing.size
     values, unsteady = np.empty(2 * n), np.empty(n)
     for i in range(n):

@@ -243,7 +243,7 @@ def _subtract_centre(robot, block, x, rho, column):
 
 
 class Recent(NamedTuple):
-    """What the last tenth of a second leaves uncertain about the forces of a block."""
+    """Motion of the last tenth of a second, which makes the forces of a block uncertain."""
 
     slowest: Any
     """Smallest |φ̇|, shape (n,) [rad/s]."""
@@ -255,7 +255,7 @@ class Recent(NamedTuple):
 
 @kernel
 def update_oscillation(oscillation, values):
-    """Take the values of one block into their mean square oscillation, in place.
+    """Update the mean square oscillation of some values by those of one block, in place.
 
     Mean of −Δ_k Δ_{k−1}, where positive: changes that alternate from block to block, as they do where a loop
     oscillates at 25 Hz or more, 0.7 to 2 times the square of the amplitude. A change that lasts, like that of
@@ -326,7 +326,7 @@ def whiten(robot, theta, current, recent, accommodation, x, rho):
 
 @kernel
 def _add_unknown_forces(robot, theta, current, recent, accommodation, i, cov, x):
-    """Add what is unknown of a wheel's forces to the covariance, shape (3, 3); fill its columns h and k."""
+    """Add the unknown forces of a wheel to the covariance, shape (3, 3), and fill columns h and k of X."""
     n, slowest, sideways = current.size, recent.slowest[i], recent.sideways[i]
     held = lasting(n)
     more = 1.0 + max(theta[n + i], 0.0) if accommodation.degraded[i] else 1.0
