@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from omnimj.estimate.gap.search.candidates import NOISE_LEVEL
-from omnimj.estimate.gap.search.cross_validation import heldout_losses, sum_by_group
-from omnimj.estimate.gap.search.screening import curve_gains, sensitivities
+from omnimj.estimate.gap.search.cross_validation import group_losses
+from omnimj.estimate.gap.search.screening import curve_gains
 from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
@@ -93,10 +93,8 @@ def _nothing_named(found: SearchResult) -> Verdict:
 def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]:
     problem, final, split = found.problem, found.final, found.split
     base = fit(problem, (), found.base.x, found.used)
-    before = sum_by_group(heldout_losses(problem, base, split.used, split.folds), split.groups).sum()
-    after = sum_by_group(heldout_losses(problem, final, split.used, split.folds), split.groups).sum()
-    columns = sensitivities(problem, final, split.used)
-    flexible = curve_gains(problem, columns, split.groups, split.folds, split.seed).flexible
+    before, after = (group_losses(problem, model, split).sum() for model in (base, final))
+    flexible = curve_gains(problem, final, split).flexible
     best = max([0.0, *flexible.values()])
     floor = min(after * (1.0 - best) ** 2, before)
     rest, was = _heldout_rms(found, final.residual), _heldout_rms(found, base.residual)

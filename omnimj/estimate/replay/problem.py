@@ -76,6 +76,11 @@ class Problem:
                 sizes.append(size or 0.1 * (s.high - s.low) or 1.0)  # 1: a fixed one
         return np.array(sizes)
 
+    def steps(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
+        """Return the lowest and the highest change of every parameter in its scale, shape (n,) each."""
+        (low, high), scales = self.bounds(effects), self.scales(effects)
+        return (low - x) / scales, (high - x) / scales
+
     def start(self) -> Array:
         """Return the parameters of the nominal model, shape (base and α,)."""
         return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)

@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 
 from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
-from omnimj.estimate.gap.search.screening import (
-    TRIAL_STEP,
-    screen_candidates,
-    trial_points,
-    vanished_point,
-)
+from omnimj.estimate.gap.search.screening import TRIAL_STEP, screen_candidates, trial_columns
 from omnimj.estimate.gap.search.search import fit_base
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
@@ -128,12 +123,9 @@ def linearize(
     channels = len(problem.replay.channels)
     columns, labels = [base.jacobian], []
     for found in screen_candidates(problem, base, list(problem.replay.candidates), used):
-        own = found.start[len(base.x) :]
-        shape = {k: own[k] for k, s in enumerate(found.candidate.parameters) if s.null_value is None}
-        moved = trial_points(base.x, *vanished_point(found.candidate, shape))
-        residuals = problem.residuals(moved, (found.candidate,))
-        columns += [(r - base.residual).ravel()[:, None] / TRIAL_STEP for r in residuals]
-        labels += [found.candidate.label] * len(moved)
+        trial = trial_columns(problem, base, found.candidate, found.shape)
+        columns.append(trial.columns / TRIAL_STEP)
+        labels += [found.candidate.label] * len(trial.steps)
     fold = np.full(len(used), -1)
     for k, rows in enumerate(folds):
         fold[rows] = k

@@ -8,11 +8,10 @@ from scipy.stats import t as student
 from omnimj.estimate.gap.search.candidates import (
     CLEAR,
     FittedCandidate,
-    TrainingSplit,
     has_shape_at_bound,
     information_score,
 )
-from omnimj.estimate.gap.search.cross_validation import paired_t
+from omnimj.estimate.gap.search.cross_validation import TrainingSplit, paired_t
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 

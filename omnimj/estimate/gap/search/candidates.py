@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnimj.effects import Interval
-from omnimj.estimate.gap.search.cross_validation import (
-    Groups,
-    heldout_gain,
-    heldout_losses,
-    sum_by_group,
-)
+from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
 from omnimj.estimate.gap.search.screening import ScreenedCandidate
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
-from omnimj.estimate.replay.problem import Fit, Problem, fit
+from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit
 from omnimj.signals import Array
 
 MARGIN = 0.02
@@ -34,18 +29,6 @@ _EDGE = 0.01  # share of a parameter's range that counts as its bound
 
 
 @dataclass(frozen=True)
-class TrainingSplit:
-    """Training blocks, groups and folds shared by all rounds."""
-
-    used: NDArray[np.bool_]
-    """Blocks of the training groups, shape (blocks,)."""
-    groups: Groups
-    folds: list[NDArray[np.bool_]]
-    """Masks of the blocks left out in each fold, shape (blocks,) each."""
-    seed: int
-
-
-@dataclass(frozen=True)
 class FittedCandidate:
     """Candidate with its fit and its held-out losses."""
 
@@ -58,9 +41,23 @@ class FittedCandidate:
     """Gain over the model without it."""
 
 
-def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
-    """Held-out loss of a model per training group, shape (groups,)."""
-    return sum_by_group(heldout_losses(problem, fitted, split.used, split.folds), split.groups)
+@dataclass(frozen=True)
+class CurrentModel:
+    """Fitted model to which candidates are added."""
+
+    problem: Problem
+    fit: Fit
+    split: TrainingSplit
+
+    @cached_property
+    def losses(self) -> Array:
+        """Held-out loss per group, shape (groups,)."""
+        return group_losses(self.problem, self.fit, self.split)
+
+    def compare(self, candidate: CandidateEffect, share: float, fitted: Fit) -> FittedCandidate:
+        """Cross-validate the model with one more effect, which explains some share to first order."""
+        losses = group_losses(self.problem, fitted, self.split)
+        return FittedCandidate(candidate, share, fitted, losses, heldout_gain(self.losses, losses))
 
 
 def training_rms(problem: Problem, fitted: Fit, split: TrainingSplit) -> float:
@@ -75,49 +72,30 @@ def exceeds_margin(gained: Interval) -> bool:
 
 
 def fit_candidate(
-    problem: Problem,
-    screened: ScreenedCandidate,
-    current: Fit,
-    before: Array,
-    split: TrainingSplit,
-    again: Fit | None = None,
+    current: CurrentModel, screened: ScreenedCandidate, again: Fit | None = None
 ) -> FittedCandidate:
     """Fit the model with one more effect and cross-validate it.
 
     Args:
-      problem: The data and the scale.
-      screened: The candidate with its starting point.
       current: The model so far.
-      before: Held-out losses per group without the candidate, shape (groups,).
-      split: Training blocks, groups and folds.
+      screened: The candidate with its starting point.
       again: First fit of the candidate, to be completed; None for the first fit.
     """
-    effects = (*current.effects, screened.candidate)
-    if again is None:
-        fitted = fit(problem, effects, screened.start, split.used, 1, current.jacobian)
-    else:
-        fitted = fit(problem, effects, again.x, split.used, 1)
-    losses = group_losses(problem, fitted, split)
-    return FittedCandidate(screened.candidate, screened.share, fitted, losses, heldout_gain(before, losses))
+    start, known = (screened.start, current.fit.jacobian) if again is None else (again.x, None)
+    effects = (*current.fit.effects, screened.candidate)
+    fitted = fit(current.problem, effects, start, current.split.used, 1, known)
+    return current.compare(screened.candidate, screened.share, fitted)
 
 
 def refine_leaders(
-    problem: Problem,
-    tried: list[FittedCandidate],
-    screened: Sequence[ScreenedCandidate],
-    current: Fit,
-    before: Array,
-    split: TrainingSplit,
+    current: CurrentModel, tried: list[FittedCandidate], screened: Sequence[ScreenedCandidate]
 ) -> list[FittedCandidate]:
     """Complete the fits of the leaders; the others keep their first fit.
 
     Args:
-      problem: The data and the scale.
+      current: The model so far.
       tried: Candidates with their first fit.
       screened: The same candidates after the screening.
-      current: The model so far.
-      before: Held-out losses per group without a candidate, shape (groups,).
-      split: Training blocks, groups and folds.
     """
     total = [float(t.losses.sum()) for t in tried]
     reach = _OUT_OF_REACH * min(total, default=0.0)
@@ -125,37 +103,31 @@ def refine_leaders(
     for k in sorted(range(len(tried)), key=total.__getitem__)[:_LEADERS]:
         if total[k] > reach:
             break
-        done[k] = _completed(problem, screened[k], tried[k], current, before, split)
+        done[k] = _completed(current, screened[k], tried[k])
     return done
 
 
-def _completed(
-    problem: Problem,
-    screened: ScreenedCandidate,
-    first: FittedCandidate,
-    current: Fit,
-    before: Array,
-    split: TrainingSplit,
-) -> FittedCandidate:
+def _completed(current: CurrentModel, screened: ScreenedCandidate, first: FittedCandidate) -> FittedCandidate:
     """Fit a candidate with new Jacobians until its loss no longer falls."""
     done = first
     for _ in range(_MOST_JACOBIANS):
-        better = fit_candidate(problem, screened, current, before, split, done.fit)
+        better = fit_candidate(current, screened, done.fit)
         has_converged = better.fit.loss > (1.0 - _CONVERGED) * done.fit.loss
         done = better
         if has_converged:
             break
-    for start in (_better_start(problem, done, current, split), _better_shape(problem, done, split)):
+    for start in (_better_start(current, done), _better_shape(current, done)):
         if start is not None:
-            done = fit_candidate(problem, screened, current, before, split, start)
+            done = fit_candidate(current, screened, start)
     return done
 
 
-def _better_shape(problem: Problem, done: FittedCandidate, split: TrainingSplit) -> Fit | None:
+def _better_shape(current: CurrentModel, done: FittedCandidate) -> Fit | None:
     """Better fit from other values of each shape parameter in turn, None if there is none.
 
     The loss over the edge of a stretch has steps and plateaus, on which a gradient leads nowhere.
     """
+    problem, used = current.problem, current.split.used
     candidate, best = done.candidate, done.fit.x.copy()
     first = len(best) - len(candidate.parameters)
     shapes = [(first + k, s) for k, s in enumerate(candidate.parameters) if s.null_value is None]
@@ -164,21 +136,21 @@ def _better_shape(problem: Problem, done: FittedCandidate, split: TrainingSplit)
         values = np.append(np.linspace(low, high, _SCANNED), best[place])
         points = [np.r_[best[:place], value, best[place + 1 :]] for value in values]
         residuals = problem.residuals(points, done.fit.effects)
-        losses = [float(problem.losses(residual)[split.used].sum()) for residual in residuals]
+        losses = [float(problem.losses(residual)[used].sum()) for residual in residuals]
         best = points[int(np.argmin(losses))]
     if np.array_equal(best, done.fit.x):
         return None
-    fitted = fit(problem, done.fit.effects, best, split.used, 1)
+    fitted = fit(problem, done.fit.effects, best, used, 1)
     return fitted if fitted.loss < (1.0 - _CONVERGED) * done.fit.loss else None
 
 
-def _better_start(problem: Problem, done: FittedCandidate, current: Fit, split: TrainingSplit) -> Fit | None:
+def _better_start(current: CurrentModel, done: FittedCandidate) -> Fit | None:
     """Better fit of an effect with several amplitudes from other starting points; None if there is none.
 
     Amplitudes that multiply each other, and dry friction below its null value, hold a fit in a minimum of its
     own. The other starts are without each amplitude, and half the typical size of all.
     """
-    candidate, at = done.candidate, len(current.x)
+    candidate, at, present = done.candidate, len(current.fit.x), current.fit.effects
     places = [k for k, s in enumerate(candidate.parameters) if s.null_value is not None and s.high > s.low]
     if len(places) < 2:
         return None
@@ -191,35 +163,49 @@ def _better_start(problem: Problem, done: FittedCandidate, current: Fit, split: 
         reduced, start = without_amplitudes(candidate, [k]), done.fit.x.copy()
         start[at + k] = reduced.parameters[k].low
         starts.append((reduced, start))
-    fits = [fit(problem, (*current.effects, form), start, split.used, 1) for form, start in starts]
+    used = current.split.used
+    fits = [fit(current.problem, (*present, form), start, used, 1) for form, start in starts]
     best = min(fits, key=lambda fitted: fitted.loss)
     return best if best.loss < (1.0 - _CONVERGED) * done.fit.loss else None
 
 
 def fitted_already(
-    problem: Problem,
-    model: Fit,
-    candidate: CandidateEffect,
-    share: float,
-    before: Array,
-    split: TrainingSplit,
+    current: CurrentModel, model: Fit, candidate: CandidateEffect, share: float
 ) -> FittedCandidate:
     """Effect of a fitted model as a candidate beside the model's other effects; it becomes the last of them.
+
+    Args:
+      current: The model without it.
+      model: The fitted model.
+      candidate: One of its effects.
+      share: Share of the mismatch that it explains to first order.
+    """
+    own = parameter_slice(current.problem, model, candidate)
+    places = np.r_[np.delete(np.arange(len(model.x)), own), np.arange(own.start, own.stop)]
+    effects = (*_others(model, candidate), candidate)
+    fitted = replace(model, effects=effects, x=model.x[places], jacobian=model.jacobian[:, places])
+    return current.compare(candidate, share, fitted)
+
+
+def _others(model: Fit, candidate: CandidateEffect) -> ModelEffects:
+    return tuple(c for c in model.effects if c.label != candidate.label)
+
+
+def fit_without(
+    problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit, rounds: int
+) -> Fit:
+    """Fit a model again without one of its effects; a single round begins with the Jacobian of the model.
 
     Args:
       problem: The data and the scale.
       model: The fitted model.
       candidate: One of its effects.
-      share: Share of the mismatch that it explains to first order.
-      before: Held-out losses per group without it, shape (groups,).
-      split: Training blocks, groups and folds.
+      split: Gives the training blocks.
+      rounds: Largest number of Jacobians.
     """
     own = parameter_slice(problem, model, candidate)
-    places = np.r_[np.delete(np.arange(len(model.x)), own), np.arange(own.start, own.stop)]
-    effects = (*(c for c in model.effects if c.label != candidate.label), candidate)
-    fitted = replace(model, effects=effects, x=model.x[places], jacobian=model.jacobian[:, places])
-    losses = group_losses(problem, fitted, split)
-    return FittedCandidate(candidate, share, fitted, losses, heldout_gain(before, losses))
+    known = np.delete(model.jacobian, own, axis=1) if rounds == 1 else None
+    return fit(problem, _others(model, candidate), np.delete(model.x, own), split.used, rounds, known)
 
 
 def information_score(tried: FittedCandidate, effective_share: float) -> float:

@@ -34,6 +34,18 @@ class Groups:
         return len(self.names)
 
 
+@dataclass(frozen=True)
+class TrainingSplit:
+    """Training blocks, groups and folds shared by all rounds."""
+
+    used: NDArray[np.bool_]
+    """Blocks of the training groups, shape (blocks,)."""
+    groups: Groups
+    folds: list[NDArray[np.bool_]]
+    """Masks of the blocks left out in each fold, shape (blocks,) each."""
+    seed: int
+
+
 def make_groups(replay: Replay) -> Groups:
     """One group per condition; with fewer than four, every condition is cut into six stretches of time."""
     conditions = list(dict.fromkeys(p.condition for p in replay.segments))
@@ -89,54 +101,30 @@ def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDAr
     return [np.isin(groups.of_block, order[k::number]) for k in range(number)]
 
 
-def heldout_losses(
-    problem: Problem, fitted: Fit, used: NDArray[np.bool_], folds: list[NDArray[np.bool_]]
-) -> Array:
-    """Loss of every block when its fold is not fitted, to first order.
+def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
+    """Loss of every training group when its fold is not fitted, to first order, shape (groups,).
 
     Leaving out a few runs changes the parameters little, so r + J d needs no simulation.
-
-    Args:
-      problem: The data and the scale.
-      fitted: Model fitted to all blocks in use.
-      used: Blocks in use, shape (blocks,).
-      folds: Blocks left out in each fold, shape (blocks,) each.
-
-    Returns:
-      Shape (blocks,); NaN outside of the folds.
     """
     channels = fitted.residual.shape[1]
-    low, high = problem.bounds(fitted.effects)
-    scales = problem.scales(fitted.effects)
-    box = (low - fitted.x) / scales, (high - fitted.x) / scales
+    box = problem.steps(fitted.x, fitted.effects)
     prior = problem.prior(fitted.x, fitted.effects)
-    weight = huber_weights(problem, fitted.residual, used)
-    parts = [np.flatnonzero(np.repeat(out, channels)) for out in folds]
+    weight = huber_weights(problem, fitted.residual, split.used)
+    parts = [np.flatnonzero(np.repeat(out, channels)) for out in split.folds]
     flat = fitted.residual.ravel()
     sums = [normal_equations(fitted.jacobian[rows], flat[rows], weight[rows]) for rows in parts]
     total = np.sum(sums, axis=0)
     # what a fold leaves open (a place that only one run passes) stays at the fit of all runs
     held = np.zeros_like(total)
     held[np.diag_indices(len(total) - 1)] = _FOLD_PRIOR * total.diagonal()[:-1]
-    losses = np.full(len(used), np.nan)
-    for out, rows, own in zip(folds, parts, sums, strict=True):
+    losses = np.full(len(split.used), np.nan)
+    for out, rows, own in zip(split.folds, parts, sums, strict=True):
         step = bounded_step(total - own + held, box, prior, 1e-6)
         residual = (flat[rows] + fitted.jacobian[rows] @ step).reshape(-1, channels)
         losses[out] = problem.losses(residual)
-    return losses
-
-
-def sum_by_group(losses: Array, groups: Groups) -> Array:
-    """Sum block losses of shape (blocks,) over each group; groups without losses are left out."""
     valid = np.isfinite(losses)
-    sums = np.bincount(groups.of_block[valid], losses[valid], minlength=groups.count).astype(float)
-    present = np.bincount(groups.of_block[valid], minlength=groups.count) > 0
-    return sums[present]
-
-
-def bootstrap_counts(count: int) -> NDArray[np.int64]:
-    """Number of draws of each group in each bootstrap sample, shape (samples, count)."""
-    return np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=_BOOTSTRAP_SAMPLES)
+    totals = np.bincount(split.groups.of_block[valid], losses[valid]).astype(float)
+    return totals[np.bincount(split.groups.of_block[valid]) > 0]
 
 
 def heldout_gain(before: Array, after: Array) -> Interval:
@@ -147,7 +135,8 @@ def heldout_gain(before: Array, after: Array) -> Interval:
       after: Held-out loss per group of the other model, shape (groups,).
     """
     value = 1.0 - np.sqrt(after.sum() / before.sum())
-    times = bootstrap_counts(len(before))
+    count = len(before)
+    times = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=_BOOTSTRAP_SAMPLES)
     with np.errstate(invalid="ignore", divide="ignore"):
         sample = 1.0 - np.sqrt((times @ after) / (times @ before))
     low, high = np.nanquantile(sample, (0.05, 0.95))

@@ -12,13 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from omnimj.estimate.gap.search.candidates import (
-    TrainingSplit,
-    exceeds_margin,
-    group_losses,
-    parameter_slice,
-)
-from omnimj.estimate.gap.search.cross_validation import heldout_gain
+from omnimj.estimate.gap.search.candidates import exceeds_margin, fit_without, parameter_slice
+from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
 from omnimj.estimate.gap.search.screening import trial_shapes, vanished_point
 from omnimj.estimate.least_squares import normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect
@@ -65,7 +60,7 @@ def _reduced(
     while model.effects:
         options = []
         for candidate in _cheapest_first(problem, model, split):
-            reduced = _without(problem, model, candidate, split)
+            reduced = fit_without(problem, model, candidate, split, _REFIT)
             left = group_losses(problem, reduced, split)
             options.append((float(left.sum()), reduced, left))
             if not exceeds_margin(heldout_gain(left, losses)):
@@ -145,9 +140,3 @@ def _way_back(problem: Problem, model: Fit, candidate: CandidateEffect, own: sli
         ]
     )
     return (model.x[own] - null) / problem.scales(model.effects)[own]
-
-
-def _without(problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit) -> Fit:
-    own = parameter_slice(problem, model, candidate)
-    others = tuple(c for c in model.effects if c.label != candidate.label)
-    return fit(problem, others, np.delete(model.x, own), split.used, _REFIT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from omnimj.estimate.gap.search.ambiguity import ambiguity_set
 from omnimj.estimate.gap.search.candidates import (
     CLEAR,
     NOISE_LEVEL,
+    CurrentModel,
     FittedCandidate,
-    TrainingSplit,
     exceeds_margin,
     fit_candidate,
+    fit_without,
     fitted_already,
-    group_losses,
     has_shape_at_bound,
     information_score,
     parameter_slice,
@@ -27,15 +27,11 @@ from omnimj.estimate.gap.search.candidates import (
     training_rms,
     without_amplitudes,
 )
-from omnimj.estimate.gap.search.screening import (
-    ScreenedCandidate,
-    curve_gains,
-    screen_candidates,
-    sensitivities,
-)
+from omnimj.estimate.gap.search.cross_validation import TrainingSplit
+from omnimj.estimate.gap.search.screening import ScreenedCandidate, curve_gains, screen_candidates
 from omnimj.estimate.gap.search.selection import MAX_FALSE_RATE, decoy_p_value, effective_share
 from omnimj.estimate.replay.interface import CandidateEffect
-from omnimj.estimate.replay.problem import Fit, Problem, fit
+from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.signals import Array
 
 _MOST_RIVALS = 6  # candidates fitted in the place of an effect
@@ -88,9 +84,7 @@ class Judgement:
 class _Place:
     """Place of one effect in a model: the model without it, and the candidates for it."""
 
-    without: Fit
-    before: Array
-    """Held-out losses per group without it, shape (groups,)."""
+    without: CurrentModel
     tried: list[FittedCandidate]
     """Candidates in this place, the best first."""
     own: FittedCandidate
@@ -122,7 +116,8 @@ def judge_effects(problem: Problem, model: Fit, split: TrainingSplit, may_exchan
         if worst is None:
             break
         given_up.append(worst)
-        model = _eliminated(problem, model, next(n for n in named if n.candidate.label == worst.label), split)
+        dropped = next(c for c in model.effects if c.label == worst.label)
+        model = fit_without(problem, model, dropped, split, 2)
         named = []
         if not model.effects:
             break
@@ -139,39 +134,34 @@ def _judge_all(
         better = _better_choice(place, candidate) if may_exchange else None
         if better is not None:
             return better.fit, [], True
-        named.append(_selected(problem, place, split))
+        named.append(_selected(place))
     return model, named, False
 
 
 def _fill_place(problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit) -> _Place:
     """Fit the candidates that could stand in the place of one effect, itself included."""
-    at = parameter_slice(problem, model, candidate)
-    others = tuple(c for c in model.effects if c.label != candidate.label)
-    known = np.delete(model.jacobian, at, axis=1)
-    without = fit(problem, others, np.delete(model.x, at), split.used, 1, known)
-    before = group_losses(problem, without, split)
-    taken = {c.label for c in others}
+    without = CurrentModel(problem, fit_without(problem, model, candidate, split, 1), split)
+    taken = {c.label for c in without.fit.effects}
     free = [c for c in problem.replay.candidates if c.label not in taken]
-    screened = screen_candidates(problem, without, free, split.used)
+    screened = screen_candidates(problem, without.fit, free, split.used)
     best = screened[0].share
     close = [s for s in screened if s.share >= _CLOSE * best and s.candidate.label != candidate.label]
-    present = fitted_already(problem, model, candidate, best, before, split)
-    others_tried = [fit_candidate(problem, s, without, before, split) for s in close[:_MOST_RIVALS]]
+    present = fitted_already(without, model, candidate, best)
+    others_tried = [fit_candidate(without, s) for s in close[:_MOST_RIVALS]]
     near = [t for t in others_tried if t.losses.sum() < _NEAR * present.losses.sum()]
     starts = [s for s in close if any(s.candidate is t.candidate for t in near)]
-    tried = [present, *refine_leaders(problem, near, starts, without, before, split)]
+    tried = [present, *refine_leaders(without, near, starts)]
     share = effective_share(problem, tried[0].fit, split)
-    place = _Place(without, before, tried, tried[0], share)
-    own = _without_pinned(problem, place, split)
+    own = _without_pinned(_Place(without, tried, tried[0], share))
     tried = sorted([own, *tried[1:]], key=lambda t: information_score(t, share))
-    return replace(place, tried=tried, own=own)
+    return _Place(without, tried, own, share)
 
 
 def _own_values(fitted: FittedCandidate) -> Array:
     return fitted.fit.x[-len(fitted.candidate.parameters) :]
 
 
-def _without_pinned(problem: Problem, place: _Place, split: TrainingSplit) -> FittedCandidate:
+def _without_pinned(place: _Place) -> FittedCandidate:
     """The effect without amplitudes at meaningless bounds, if the data do not need them there."""
     own = place.own
     pinned = pinned_amplitudes(own.candidate, _own_values(own))
@@ -180,8 +170,8 @@ def _without_pinned(problem: Problem, place: _Place, split: TrainingSplit) -> Fi
         return own
     reduced = without_amplitudes(own.candidate, pinned)
     start = ScreenedCandidate(reduced, own.screened, own.fit.x)
-    other = fit_candidate(problem, start, place.without, place.before, split)
-    other = fit_candidate(problem, start, place.without, place.before, split, other.fit)
+    other = fit_candidate(place.without, start)
+    other = fit_candidate(place.without, start, other.fit)
     behind = information_score(other, place.share) - information_score(own, place.share)
     return other if behind <= CLEAR else own
 
@@ -207,14 +197,13 @@ def _is_degenerate(fitted: FittedCandidate) -> bool:
     return has_shape_at_bound(fitted.candidate, values) or bool(pinned_amplitudes(fitted.candidate, values))
 
 
-def _selected(problem: Problem, place: _Place, split: TrainingSplit) -> SelectedEffect:
+def _selected(place: _Place) -> SelectedEffect:
     """The effect with its rivals, its gain and the random curves."""
-    own = place.own
+    own, (problem, split) = place.own, (place.without.problem, place.without.split)
     ordered = [own, *(t for t in place.tried if t is not own)]
-    columns = sensitivities(problem, place.without, split.used)
-    decoys = curve_gains(problem, columns, split.groups, split.folds, split.seed).decoys
+    decoys = curve_gains(problem, place.without.fit, split).decoys
     rivals = ambiguity_set(problem, ordered, place.share, split)
-    without = training_rms(problem, place.without, split)
+    without = training_rms(problem, place.without.fit, split)
     return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain), without)
 
 
@@ -238,9 +227,3 @@ def _least_supported(problem: Problem, model: Fit, named: Sequence[SelectedEffec
     else:
         reason = "its gain is not above the margin, given the other effects"
     return GivenUp(worst.candidate.label, worst.gain, reason)
-
-
-def _eliminated(problem: Problem, model: Fit, one: SelectedEffect, split: TrainingSplit) -> Fit:
-    at = parameter_slice(problem, model, one.candidate)
-    others = tuple(c for c in model.effects if c.label != one.candidate.label)
-    return fit(problem, others, np.delete(model.x, at), split.used, 2)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.gap.search.cross_validation import Groups
+from omnimj.estimate.gap.search.cross_validation import Groups, TrainingSplit
 from omnimj.estimate.least_squares import bounded_step, normal_equations, weighted_gram
 from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
@@ -35,6 +35,12 @@ class ScreenedCandidate:
     share: float
     start: Array
     """Starting values of base, α, present effects and this effect, shape (parameters + own,)."""
+
+    @property
+    def shape(self) -> dict[int, float]:
+        """Shape parameters at the start, as index → value."""
+        own = self.start[-len(self.candidate.parameters) :]
+        return {k: own[k] for k, s in enumerate(self.candidate.parameters) if s.null_value is None}
 
 
 def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
@@ -66,23 +72,32 @@ def vanished_point(
     return at, steps
 
 
-def trial_points(x: Array, at: Array, steps: list[tuple[int, float]]) -> list[Array]:
-    """Parameters of a model and of one more effect after each trial step of the effect.
+@dataclass(frozen=True)
+class TrialColumns:
+    """Effect in one shape, switched on a little."""
 
-    Args:
-      x: Parameters of the model, shape (n,).
-      at: Parameters of the effect, shape (own,).
-      steps: Trial steps (index, change) from there.
+    candidate: CandidateEffect
+    at: Array
+    """Its parameters with vanishing amplitudes, shape (own,)."""
+    steps: list[tuple[int, float]]
+    """Trial steps (index, change) from there."""
+    columns: Array
+    """Change of the whitened mismatch with each step, shape (rows, steps)."""
 
-    Returns:
-      One point per step, shape (n + own,) each.
-    """
+
+def trial_columns(
+    problem: Problem, current: Fit, candidate: CandidateEffect, shape: dict[int, float]
+) -> TrialColumns:
+    """Sensitivities of the mismatch to one more effect in one shape, by a simulation for each trial step."""
+    at, steps = vanished_point(candidate, shape)
     points = []
     for k, step in steps:
         own = at.copy()
         own[k] += step
-        points.append(np.concatenate([x, own]))
-    return points
+        points.append(np.concatenate([current.x, own]))
+    residuals = problem.residuals(points, (*current.effects, candidate))
+    columns = np.stack([(r - current.residual).ravel() for r in residuals], axis=1)
+    return TrialColumns(candidate, at, steps, columns)
 
 
 def screen_candidates(
@@ -97,92 +112,76 @@ def screen_candidates(
       used: Blocks that count, shape (blocks,).
     """
     weight = huber_weights(problem, current.residual, used)
-    low, high = problem.bounds(current.effects)
-    box = (
-        (low - current.x) / problem.scales(current.effects),
-        (high - current.x) / problem.scales(current.effects),
-    )
     known = np.column_stack([current.jacobian, current.residual.ravel()]) * weight[:, None]
     sums = normal_equations(current.jacobian, current.residual, weight)
-    ground = ScreeningBaseline(current, weight, box, known, sums)
     found = []
     for candidate in candidates:
-        options = [_screen_shape(problem, ground, candidate, shape) for shape in trial_shapes(candidate)]
-        found.append(max(options, key=lambda s: s.share))
+        options = []
+        for shape in trial_shapes(candidate):
+            trial = trial_columns(problem, current, candidate, shape)
+            both = _with_columns(sums, known, trial.columns * weight[:, None])
+            options.append(bounded_share(problem, current, [trial], both))
+        found.append(ScreenedCandidate(candidate, *max(options, key=lambda option: option[0])))
     return sorted(found, key=lambda s: -s.share)
 
 
-@dataclass(frozen=True)
-class ScreeningBaseline:
-    """Current model against which candidates are screened."""
-
-    current: Fit
-    weight: Array
-    """Diagonal of the weight matrix W, shape (rows,)."""
-    box: tuple[Array, Array]
-    """Lowest and highest step of each parameter in its scale, both of shape (parameters,)."""
-    known: Array
-    """W [J r], shape (rows, parameters + 1)."""
-    sums: Array
-    """Normal equations of `known`, shape (parameters + 1, parameters + 1)."""
+def _with_columns(sums: Array, known: Array, new: Array) -> Array:
+    """Normal equations of W [J r] with more columns before the residual."""
+    n, m = len(sums) - 1, new.shape[1]
+    found, old = np.zeros((n + m + 1, n + m + 1)), np.r_[0:n, n + m]
+    found[np.ix_(old, old)] = sums
+    found[n : n + m, n : n + m] = new.T @ new
+    found[n : n + m, old] = new.T @ known
+    found[old, n : n + m] = found[n : n + m, old].T
+    return found
 
 
-def _screen_shape(
-    problem: Problem, ground: ScreeningBaseline, candidate: CandidateEffect, shape: dict[int, float]
-) -> ScreenedCandidate:
-    """Share of the squared mismatch that one candidate in one shape explains to first order."""
-    current, n = ground.current, len(ground.current.x)
-    at, steps = vanished_point(candidate, shape)
-    residuals = problem.residuals(trial_points(current.x, at, steps), (*current.effects, candidate))
-    new = np.stack([(r - current.residual).ravel() for r in residuals], axis=1) * ground.weight[:, None]
-    m = new.shape[1]
-    sums = np.zeros((n + m + 1, n + m + 1))
-    old = np.r_[0:n, n + m]
-    sums[np.ix_(old, old)] = ground.sums
-    sums[n : n + m, n : n + m] = new.T @ new
-    sums[n : n + m, old] = new.T @ ground.known
-    sums[old, n : n + m] = sums[n : n + m, old].T
-    ends = np.array(
-        [[(getattr(candidate.parameters[k], e) - at[k]) / s for k, s in steps] for e in ("low", "high")]
-    )
-    bounds = np.sort(ends, axis=0)
-    precision, distance = problem.prior(current.x, current.effects)
-    none = np.zeros(m)
-    both = (np.concatenate([precision, none]), np.concatenate([distance, none]))
-    box = (np.concatenate([ground.box[0], bounds[0]]), np.concatenate([ground.box[1], bounds[1]]))
-    d = bounded_step(sums, box, both, 1e-6)
-    full = np.append(d, 1.0)
-    own = at.copy()
-    for (k, step), size in zip(steps, d[n:], strict=True):
-        own[k] += step * size
-    start = np.concatenate([current.x + problem.scales(current.effects) * d[:n], own])
-    whole = max(float(ground.sums[-1, -1]), 1e-30)
-    return ScreenedCandidate(candidate, 1.0 - float(full @ sums @ full) / whole, start)
-
-
-@dataclass(frozen=True)
-class Sensitivities:
-    """Weighted sensitivities to parameters and free forces, with the residual."""
-
-    columns: Array
-    """Columns [parameters, knots of every variable, residual], shape (rows, columns)."""
-    prior: Array
-    """Precision of each parameter in units of its column, shape (parameters,)."""
-    variables: tuple[str, ...]
-
-
-def sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> Sensitivities:
-    """Sensitivities to the model's parameters and to free forces at the knots of the plant's variables.
+def bounded_share(
+    problem: Problem, current: Fit, trials: Sequence[TrialColumns], sums: Array
+) -> tuple[float, Array]:
+    """Share of the squared mismatch that effects explain to first order inside their bounds.
 
     Args:
-      problem: The data and the scale.
-      current: The fitted model.
-      used: Blocks in use, shape (blocks,).
+      problem: The data.
+      current: The model so far, fitted.
+      trials: Effects to add.
+      sums: Normal equations of its columns, those of the effects, and the residual, shape (n + 1, n + 1).
+
+    Returns:
+      The share, and starting values of the model and of these effects, shape (n,).
+    """
+    n, scales = len(current.x), problem.scales(current.effects)
+    ends = [problem.steps(current.x, current.effects)]
+    for one in trials:
+        own, at = one.candidate.parameters, one.at
+        reach = [sorted(((own[k].low - at[k]) / step, (own[k].high - at[k]) / step)) for k, step in one.steps]
+        ends.append(tuple(np.array(reach).T))
+    low, high = (np.concatenate(parts) for parts in zip(*ends, strict=True))
+    precision, distance = (
+        np.append(part, np.zeros(len(low) - n)) for part in problem.prior(current.x, current.effects)
+    )
+    d = bounded_step(sums, (low, high), (precision, distance), 1e-6)
+    start, taken = [current.x + scales * d[:n]], iter(d[n:])
+    for one in trials:
+        values = one.at.copy()
+        for k, step in one.steps:
+            values[k] += step * next(taken)
+        start.append(values)
+    full = np.append(d, 1.0)
+    share = 1.0 - float(full @ sums @ full) / max(float(sums[-1, -1]), 1e-30)
+    return share, np.concatenate(start)
+
+
+def _sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Weighted sensitivities to the model's parameters and to free forces over the plant's variables.
+
+    Returns:
+      Columns [parameters, knots of every variable, residual], shape (rows, columns), and the precision of
+      each parameter in units of its column, shape (parameters,).
     """
     weight = huber_weights(problem, current.residual, used)
-    names = tuple(problem.replay.curves)
     curves: list[tuple[str, Array] | None] = [
-        (name, 0.1 * problem.replay.curves[name] * row) for name in names for row in np.eye(KNOTS)
+        (name, 0.1 * force * row) for name, force in problem.replay.curves.items() for row in np.eye(KNOTS)
     ]
     moved = problem.residuals([current.x] * len(curves), current.effects, curves) if curves else []
     columns = [current.jacobian * weight[:, None]]
@@ -193,7 +192,7 @@ def sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> Se
     prior = np.full(len(current.x), 1e-6)
     # a box of half-width a has the variance a²/3
     prior[:own] = 3.0 / np.maximum(0.5 * (high - low) / problem.scales(current.effects), 1e-9)[:own] ** 2
-    return Sensitivities(np.hstack(columns), prior, names)
+    return np.hstack(columns), prior
 
 
 def _group_sums(columns: Array, groups: Groups, channels: int) -> Array:
@@ -224,11 +223,6 @@ def _heldout_squares(sums: Array, own: int, penalty: Array, folds: list[NDArray[
     return left
 
 
-def groups_of_folds(groups: Groups, folds: list[NDArray[np.bool_]]) -> list[NDArray[np.int_]]:
-    """Groups left out by each fold, given as masks of shape (blocks,)."""
-    return [np.unique(groups.of_block[out]) for out in folds]
-
-
 @dataclass(frozen=True)
 class CurveGains:
     """Gains of curves on held-out groups."""
@@ -239,24 +233,12 @@ class CurveGains:
     """Variable → gain of a free curve over it."""
 
 
-def curve_gains(
-    problem: Problem,
-    found: Sensitivities,
-    groups: Groups,
-    folds: list[NDArray[np.bool_]],
-    seed: int,
-) -> CurveGains:
-    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones.
-
-    Args:
-      problem: Gives the number of channels.
-      found: Sensitivities of the model and of free forces.
-      groups: Groups of blocks.
-      folds: Blocks left out in each fold, shape (blocks,) each.
-      seed: Seed of the random curves.
-    """
-    outs, n = groups_of_folds(groups, folds), len(found.prior)
-    sums = _group_sums(found.columns, groups, len(problem.replay.channels))
+def curve_gains(problem: Problem, current: Fit, split: TrainingSplit) -> CurveGains:
+    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones beyond a model."""
+    columns, prior = _sensitivities(problem, current, split.used)
+    variables, n = tuple(problem.replay.curves), len(prior)
+    outs = [np.unique(split.groups.of_block[out]) for out in split.folds]
+    sums = _group_sums(columns, split.groups, len(problem.replay.channels))
     last = sums.shape[1] - 1
 
     def pick(transform: Array, penalty: Array) -> float:
@@ -265,22 +247,22 @@ def curve_gains(
 
     plain = np.zeros((last + 1, n + 1))
     plain[:n, :n], plain[last, n] = np.eye(n), 1.0
-    before = pick(plain, found.prior)
-    generator = np.random.default_rng(seed + 2)
+    before = pick(plain, prior)
+    generator = np.random.default_rng(split.seed + 2)
     distance = np.subtract.outer(np.arange(KNOTS), np.arange(KNOTS))
     root = np.linalg.cholesky(np.exp(-0.5 * (distance / _REACH) ** 2) + 1e-6 * np.eye(KNOTS))
     decoys, flexible = [], {}
-    for k in range(_DECOYS if found.variables else 0):
-        first = n + KNOTS * (k % len(found.variables))
+    for k in range(_DECOYS if variables else 0):
+        first = n + KNOTS * (k % len(variables))
         mix = np.zeros((last + 1, n + 2))
         mix[:n, :n], mix[last, n + 1] = np.eye(n), 1.0
         mix[first : first + KNOTS, n] = root @ generator.standard_normal(KNOTS)
-        decoys.append(1.0 - np.sqrt(pick(mix, np.append(found.prior, 1e-9)) / before))
-    for k, name in enumerate(found.variables):
+        decoys.append(1.0 - np.sqrt(pick(mix, np.append(prior, 1e-9)) / before))
+    for k, name in enumerate(variables):
         first = n + KNOTS * k
         free = np.zeros((last + 1, n + KNOTS + 1))
         free[:n, :n], free[last, -1] = np.eye(n), 1.0
         free[first : first + KNOTS, n : n + KNOTS] = np.eye(KNOTS)
-        penalty = np.append(found.prior, np.full(KNOTS, 1.0))
+        penalty = np.append(prior, np.full(KNOTS, 1.0))
         flexible[name] = float(1.0 - np.sqrt(pick(free, penalty) / before))
     return CurveGains(np.array(decoys), flexible)

@@ -14,11 +14,15 @@ from omnimj.estimate.gap.records import GivenUp
 from omnimj.estimate.gap.search.candidates import (
     MARGIN,
     NOISE_LEVEL,
-    TrainingSplit,
     exceeds_margin,
     training_rms,
 )
-from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
+from omnimj.estimate.gap.search.cross_validation import (
+    TrainingSplit,
+    choose_heldout,
+    make_folds,
+    make_groups,
+)
 from omnimj.estimate.gap.search.elimination import eliminate
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
 from omnimj.estimate.gap.search.screening import CurveGains
@@ -304,7 +308,7 @@ class _Growing:
             return []
         self._report("trying pairs and triples of effects", 1.0)
         best = best_subset(self.state.problem, self.state.final, found.screened, self._split, room)
-        return [(best.gain, best.fit)] if best is not None and exceeds_margin(best.gain) else []
+        return [best] if best is not None and exceeds_margin(best[0]) else []
 
     def _unseen(self, options: Sequence[tuple[Interval, Fit]]) -> Iterator[tuple[Interval, Fit]]:
         """Options whose effects were not in one model before; they count as seen from now on."""

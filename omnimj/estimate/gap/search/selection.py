@@ -11,20 +11,14 @@ from omnimj.effects import Interval
 from omnimj.estimate.gap.records import CandidateResult, Stage
 from omnimj.estimate.gap.search.candidates import (
     MARGIN,
+    CurrentModel,
     FittedCandidate,
-    TrainingSplit,
     fit_candidate,
-    group_losses,
     information_score,
     refine_leaders,
 )
-from omnimj.estimate.gap.search.screening import (
-    CurveGains,
-    ScreenedCandidate,
-    curve_gains,
-    screen_candidates,
-    sensitivities,
-)
+from omnimj.estimate.gap.search.cross_validation import TrainingSplit
+from omnimj.estimate.gap.search.screening import CurveGains, ScreenedCandidate, curve_gains, screen_candidates
 from omnimj.estimate.intervals import effective_samples
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem
@@ -57,13 +51,6 @@ class SelectionRound:
     screened: tuple[ScreenedCandidate, ...]
     """All candidates after the screening, the largest share first."""
     curves: CurveGains
-    before: Array
-    """Held-out loss per group without any candidate, shape (groups,)."""
-
-    @property
-    def best(self) -> FittedCandidate | None:
-        """Leading candidate, if any was fitted."""
-        return self.tried[0] if self.tried else None
 
     def stage(self, named: Collection[str], rivals: Collection[str], outcome: str) -> Stage:
         """The round as a record, with the verdicts of the finished search.
@@ -81,7 +68,7 @@ class SelectionRound:
                 verdict = "rival"
             elif t.gain.low is None or t.gain.low <= MARGIN:
                 verdict = "below the margin"
-            elif t is self.best:  # the leader, eliminated given the other effects
+            elif t is self.tried[0]:  # the leader, eliminated given the other effects
                 verdict = "given up"
             else:
                 verdict = "beaten"
@@ -128,23 +115,16 @@ def select_round(
       split: Training blocks, groups and folds.
       report: Called with a phrase and the completed share.
     """
-    before = group_losses(problem, current, split)
+    model = CurrentModel(problem, current, split)
     screened = screen_candidates(problem, current, candidates, split.used)
     go = shortlist(screened)
     tried = []
     for k, one in enumerate(go):
         report(f"trying {one.candidate.label}", k / len(go))
-        tried.append(fit_candidate(problem, one, current, before, split))
+        tried.append(fit_candidate(model, one))
     report("fitting the leaders", 1.0)
-    tried = refine_leaders(problem, tried, go, current, before, split)
-    curves = curve_gains(
-        problem,
-        sensitivities(problem, current, split.used),
-        split.groups,
-        split.folds,
-        split.seed,
-    )
+    tried = refine_leaders(model, tried, go)
     leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
     share = effective_share(problem, leader.fit if leader else current, split)
     tried.sort(key=lambda t: information_score(t, share))
-    return SelectionRound(tuple(tried), tuple(screened), curves, before)
+    return SelectionRound(tuple(tried), tuple(screened), curve_gains(problem, current, split))
