@@ -42,11 +42,6 @@ def judge_fit(trace: Trace, robot: Robot, diagnoses: Sequence[Diagnosis]) -> Doe
 
     A run that is diagnosed before any regime has lasted long enough is judged as a whole.
 
-    Args:
-      trace: Columns of the run and of the detector's log.
-      robot: Nominal robot.
-      diagnoses: Of the run.
-
     Returns:
       The regime with the largest residual, or None if the model fits in all of them.
     """

@@ -67,12 +67,7 @@ def _from_elsewhere(file: Path) -> str:
 
 
 def _with_links_in_site(text: str, up: str) -> str:
-    """The page with links to pages elsewhere replaced by links to their copies in the site.
-
-    Args:
-      text: The page.
-      up: Path from the page's folder to that of the documentation.
-    """
+    """The page with links to pages elsewhere replaced by links to their copies in the site."""
     copies = {file.name: name for name, file in pages_elsewhere().items()}
 
     def replaced(match: re.Match[str]) -> str:

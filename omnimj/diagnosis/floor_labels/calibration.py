@@ -61,10 +61,6 @@ def calibrate_labels(plan: FloorPlan, datasets: Sequence[Dataset]) -> LabelCalib
     White noise is that of differences between successive windows; the bias is what the means of the runs
     have beyond it. The price is `MARGIN` times the smallest one at which no run shows a change.
 
-    Args:
-      plan: Robot and floors.
-      datasets: Runs, each of which stays on its floor.
-
     Raises:
       InputError: Too few runs drive steadily, or a run does not fit its floor at any price.
       UnknownNameError: A run's floor is none of the plan's.

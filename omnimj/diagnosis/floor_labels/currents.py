@@ -72,12 +72,7 @@ class FloorPlan:
 
 
 def mixed_model(changed: AppliedEffects, floors: Sequence[Floor]) -> PlanarModel:
-    """Planar model of a robot whose wheels stand on different floors.
-
-    Args:
-      changed: The robot with its effects.
-      floors: Floor under each wheel, n of them.
-    """
+    """Planar model of a robot whose wheels stand on different floors."""
     robot = changed.machine
     made = planar_constants(
         robot, changed.misalignment, changed.radius_scale, 1.0, changed.payload, changed.slope

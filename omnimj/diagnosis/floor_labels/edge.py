@@ -134,12 +134,7 @@ def _profile(contact: Array, misfit: Array, angle: float, offsets: Array) -> Arr
 
 
 def _bootstrapped(each: Array, offsets: Array) -> tuple[float, float]:
-    """90 % range of the best offset over runs drawn with replacement [m].
-
-    Args:
-      each: Misfit of each run, shape (runs, offsets).
-      offsets: Offsets, shape (offsets,) [m].
-    """
+    """90 % range of the best offset over runs drawn with replacement [m]."""
     random = np.random.default_rng(0)
     drawn = random.integers(0, len(each), (_DRAWS, len(each)))
     best = offsets[np.argmin(each[drawn].sum(axis=1), axis=1)]

@@ -78,12 +78,7 @@ def _trace(found: LabelledDataset, run: LabelledRun) -> Trace:
 
 
 def labels_json(found: LabelledDataset, command: str) -> dict[str, Any]:
-    """Content of `floor_labels.json`.
-
-    Args:
-      found: Labelled runs.
-      command: Command line that repeats the work.
-    """
+    """Content of `floor_labels.json`."""
     board = found.board
     content = {
         "dataset": str(found.dataset.path),

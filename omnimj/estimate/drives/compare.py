@@ -27,9 +27,6 @@ def marker_angle(runs: Sequence[DrivenRun]) -> float | None:
 
     It is the angle between measured and simulated velocity that leaves the least squares of their difference.
     None with fewer than `FEWEST_RUNS` that drive.
-
-    Args:
-      runs: Runs of one plant on one floor.
     """
     pairs = [(mean_velocity(run, run.measured), mean_velocity(run, run.simulated)) for run in runs]
     moving = [
@@ -71,12 +68,7 @@ def mean_velocity(run: DrivenRun, motion: Motion) -> Array:
 
 
 def velocity_course(run: DrivenRun, motion: Motion) -> Array:
-    """Velocity in the body frame over half a second at every sample, shape (k, 2) [m/s]; NaN where unknown.
-
-    Args:
-      run: The run.
-      motion: Its measured or its simulated motion.
-    """
+    """Body velocity over half a second at every sample, shape (k, 2) [m/s]; NaN where unknown."""
     known = np.isfinite(run.measured.pose).all(axis=1)
     course = np.full((len(run.time), 2), np.nan)
     if known.sum() < 2:
@@ -99,12 +91,7 @@ def _body_steps(pose: Array) -> Array:
 
 
 def run_numbers(run: DrivenRun, robot: Robot) -> RunNumbers:
-    """Means and ends of a run.
-
-    Args:
-      run: The run, its marker's angle considered.
-      robot: Gives the kinematics.
-    """
+    """Means and ends of a run."""
     counted = run.time >= run.counted_from
     inverse = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     wheels = run.wheel_speed[counted].mean(axis=0) if counted.any() else run.wheel_speed.mean(axis=0)
@@ -160,9 +147,6 @@ def speed_groups(numbers: Iterable[RunNumbers]) -> tuple[Group, ...]:
     """Groups of runs by floor and speed, in the order of the floors, slow ones first, plant by plant.
 
     Where the wheels' speeds of neighbouring runs differ by a quarter, another group begins.
-
-    Args:
-      numbers: Of all runs on all plants.
     """
     groups = []
     everything = list(numbers)

@@ -43,10 +43,6 @@ from omnimj.signals import Array
 def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str, ...]:
     """Conditions of the named runs; all repeats of a condition are held out together.
 
-    Args:
-      names: Names of runs or conditions.
-      runs: All runs of the dataset.
-
     Returns:
       Conditions in the order of the runs, each once.
 

@@ -155,11 +155,6 @@ def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit
     Every fitted model predicts every candidate run. A run is ranked by the rival that it separates least,
     then by the sum over rivals.
 
-    Args:
-      problem: Gives the candidate runs and the noise.
-      best: The leader.
-      rivals: Names and fits of the rivals that it does not beat.
-
     Returns:
       `why`, `run`, `separates`, `parting` (name → RMS distance in units of noise); None without rivals or
       candidate runs.

@@ -333,14 +333,7 @@ def solve_without_stribeck(fit: FloorFit) -> FloorFit:
 
 
 def solve_with_fixed(fit: FloorFit, index: int, value: float, start: FloorFit) -> FloorFit:
-    """Fit with one shared unknown held at a value.
-
-    Args:
-      fit: The unrestricted fit.
-      index: Index of the shared unknown.
-      value: Its value.
-      start: Fit that gives the starting point.
-    """
+    """Fit with one shared unknown held at a value."""
     shared = start.shared.copy()
     shared[index] = value
     basis = np.delete(np.eye(SHARED), index, axis=1)

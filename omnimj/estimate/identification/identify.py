@@ -115,12 +115,6 @@ def identify(dataset: Dataset, rig: Rig, progress: Progress | None = None) -> Id
 def identify_floor(floor: str, runs: Sequence[CarriageRun], rig: Rig, place: Path) -> IdentifiedFloor:
     """Identify one floor.
 
-    Args:
-      floor: Name of the floor.
-      runs: Its runs, prepared for the fit.
-      rig: Constants of the rig.
-      place: Folder of the dataset, for messages.
-
     Raises:
       InputError: Slip shows in no run.
     """

@@ -172,13 +172,7 @@ def _shifts_by_known(
 def confidence_interval(
     fit: FloorFit, spread_: FitCovariance, index: int
 ) -> tuple[float | None, float | None]:
-    """Compute the confidence interval of exp(unknown); an end is None if the runs do not bound it.
-
-    Args:
-      fit: Fitted floor.
-      spread_: Covariance of its shared unknowns.
-      index: Index of the shared unknown.
-    """
+    """Compute the confidence interval of exp(unknown); an end is None if the runs do not bound it."""
     half = float(spread_.half_width(np.eye(len(fit.shared))[index : index + 1])[0])
     value = fit.shared[index]
     if half < (_WIDE if index > V_S else _NARROW):

@@ -36,14 +36,7 @@ class AdjustedMachine(Generic[Machine]):
 def base_parameters(
     machine: Rig | Robot, floors: Mapping[str, Floor], used: Sequence[str], channels: Sequence[str]
 ) -> tuple[BaseParameter, ...]:
-    """Uncertain parameters of the machine, the floors in use, and the lags of channels.
-
-    Args:
-      machine: The model.
-      floors: Floors by name.
-      used: Names of the floors of the runs.
-      channels: Names of the channels that have a lag.
-    """
+    """Uncertain parameters of the machine, the floors in use, and the lags of channels."""
     found = []
     for name, origin in machine.provenance.items():
         table, _, key = name.partition(".")
@@ -127,15 +120,7 @@ def adjusted_machine(
     candidates: Mapping[str, CandidateEffect],
     setting: Setting,
 ) -> AdjustedMachine[Machine]:
-    """The machine with the base parameters and effects of a setting.
-
-    Args:
-      machine: The model.
-      floors: Floors by name.
-      base: Uncertain parameters.
-      candidates: Candidate effects by label.
-      setting: Values of both.
-    """
+    """The machine with the base parameters and effects of a setting."""
     adjusted = adjust_machine(machine, floors, base, setting.base)
     chosen = [(candidates[label], values) for label, values in setting.effects.items()]
     return dataclasses.replace(adjusted, machine=add_effects(adjusted.machine, chosen))
@@ -169,11 +154,6 @@ def standing_constants(changed: AppliedEffects, mass: float) -> PlanarConstants:
 
 def floor_name(dataset: Dataset, run: Run, floors: Mapping[str, Floor]) -> str:
     """Return the name of the floor of a run.
-
-    Args:
-      dataset: Dataset of the run, for messages.
-      run: The run.
-      floors: Known floors by name.
 
     Raises:
       InputError: The run has none.

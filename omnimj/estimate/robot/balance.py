@@ -57,13 +57,7 @@ class SensorErrors(NamedTuple):
 
 
 def wheel_forces(constants: BalanceConstants, errors: SensorErrors, rows: RunRows) -> Array:
-    """Force F of each wheel on the body, shape (m, n) [N].
-
-    Args:
-      constants: Constants of the balance.
-      errors: Errors of the current monitors.
-      rows: Rows of one run.
-    """
+    """Force F of each wheel on the body, shape (m, n) [N]."""
     c, axle, rotor = constants
     shafts = rows.shafts
     sign = np.tanh(shafts.wheel_speed / _TURNING)
@@ -103,13 +97,7 @@ def inertia_matrix(c: RobotConstants) -> Array:
 
 
 def predicted_accelerations(constants: BalanceConstants, errors: SensorErrors, rows: RunRows) -> Array:
-    """Readings a_x, a_y [m/s²] and ω̇ [rad/s²] without bias, shape (m, 3).
-
-    Args:
-      constants: Constants of the balance.
-      errors: Errors of its sensors.
-      rows: Rows of one run.
-    """
+    """Readings a_x, a_y [m/s²] and ω̇ [rad/s²] without bias, shape (m, 3)."""
     c = constants.robot
     side = roller_speeds(c, rows)
     drag = c.load * (c.roller_dry * np.tanh(side / _SIDEWAYS) + c.roller_viscous * side)

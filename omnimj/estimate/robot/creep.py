@@ -103,12 +103,7 @@ def _inverse(numbers: Array, traction: Array) -> Array:
 
 
 def identify_creep(fit: RobotFit, rows: Sequence[RunRows]) -> tuple[tuple[FloorCreep, ...], tuple[str, ...]]:
-    """Creep law of every floor, and sentences on floors without.
-
-    Args:
-      fit: The fitted robot.
-      rows: Rows of all runs.
-    """
+    """Creep law of every floor, and sentences on floors without."""
     by_floor: dict[str, list[RunRows]] = {}
     for run in rows:
         by_floor.setdefault(run.floor, []).append(run)

@@ -36,12 +36,7 @@ _MOST = 0.8  # largest share of the information that errors of the currents may 
 
 
 def without_noise(fit: RobotFit, rows: Sequence[RunRows]) -> RobotFit:
-    """Remove the bias by noise of the current monitors from a fit.
-
-    Args:
-      fit: The fitted robot.
-      rows: Rows of its runs.
-    """
+    """Remove the bias by noise of the current monitors from a fit."""
     noise = fit.noise * np.sqrt(fit.memory)
     for _ in range(_ROUNDS):
         errors = [_sums_of(fit, run, run.current_noise) for run in rows]
@@ -58,10 +53,6 @@ def without_noise(fit: RobotFit, rows: Sequence[RunRows]) -> RobotFit:
 
 def without_aliasing(fit: RobotFit, rows: Sequence[RunRows]) -> tuple[RobotFit, Array]:
     """Remove the bias by aliasing of the currents from a fit as far as the prior favours it.
-
-    Args:
-      fit: The fitted robot.
-      rows: Rows of its runs.
 
     Returns:
       The fit at x + η δ, and the deviation of η times δ, shape (p,).

@@ -62,12 +62,7 @@ MANOEUVRES = (
 
 
 def unexcited(fit: RobotFit, found: Sequence[tuple[Quantity, RobotEstimate]]) -> tuple[Unexcited, ...]:
-    """Numbers that the drive did not excite, each with the manoeuvre that narrows it most.
-
-    Args:
-      fit: The fitted robot.
-      found: Its numbers.
-    """
+    """Numbers that the drive did not excite, each with the manoeuvre that narrows it most."""
     open_ones = [
         (quantity, estimate)
         for quantity, estimate in found
@@ -95,12 +90,7 @@ def _advised(
 
 
 def information(fit: RobotFit, manoeuvre: Manoeuvre) -> Array:
-    """Information on the unknowns that a manoeuvre would give at the fit's noise, shape (p, p).
-
-    Args:
-      fit: The fitted robot.
-      manoeuvre: What is driven.
-    """
+    """Information on the unknowns that a manoeuvre would give at the fit's noise, shape (p, p)."""
     return run_sums(fit.unknowns, fit.x, fit.noise * np.sqrt(fit.memory), planned_rows(fit, manoeuvre)).gram
 
 

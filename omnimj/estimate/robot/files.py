@@ -119,9 +119,6 @@ def as_floor(creep: FloorCreep) -> tuple[Floor, tuple[str, ...]]:
     LuGre in steady sliding is F/F_N = g + σ2 v with a stiff bristle. A slope that is the same at every slip
     is all σ2 and a level that hardly counts; one that falls with slip is a level g reached within the slip
     that the logs cover. A law of the creep ratio is the brush curve nearest to it over the same range.
-
-    Args:
-      creep: Creep of one floor.
     """
     form, numbers = creep.chosen, creep.chosen.numbers
     remarks = [f"form that fits held-out runs best: {form.name}"]

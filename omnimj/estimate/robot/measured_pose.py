@@ -51,12 +51,7 @@ class PoseSamples(NamedTuple):
 
 
 def pose_samples(run: Run, part: slice) -> PoseSamples | None:
-    """New poses of a stretch of a run; None if there are too few.
-
-    Args:
-      run: Run with a measured pose.
-      part: Its rows.
-    """
+    """New poses of a stretch of a run; None if there are too few."""
     keep = np.ones(len(run.time[part]), bool)
     for name in POSE:
         if (bad := run.masked.get(name)) is not None:
@@ -96,11 +91,7 @@ def _even_times(time: Array, step: float) -> Array:
 
 
 def least_width(samples: PoseSamples) -> float:
-    """Width of the Gaussian from which on the accelerations are quiet enough to be of use [s].
-
-    Args:
-      samples: New poses of a stretch.
-    """
+    """Width of the Gaussian from which on the accelerations are quiet enough to be of use [s]."""
     aims = (ACCELERATION_NOISE, ACCELERATION_NOISE, YAW_ACCELERATION_NOISE)
     needed = [
         ((noise / aim) ** 2 * _NOISE_GAIN * samples.period) ** 0.2

@@ -28,9 +28,6 @@ def model_text(found: RobotIdentification) -> str:
     Torque constants and losses of single wheels become the effects `torque_constant` and `bearing_friction`
     with `wheel`, a displaced centre of mass a `payload` that is part of the mass.
 
-    Args:
-      found: Identified robot.
-
     Raises:
       InputError: A value that no model file can have.
     """

@@ -32,11 +32,6 @@ _UNITS = {
 def require_like_motion(dataset: Path, rows: Sequence[RunRows], c: RobotConstants) -> None:
     """Check that wheels and pose describe one motion.
 
-    Args:
-      dataset: For messages.
-      rows: Rows of runs with a measured pose.
-      c: Constants of the robot.
-
     Raises:
       InputError: They do not: a unit, a sign or the order of the wheels is wrong.
     """

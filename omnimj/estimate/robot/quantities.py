@@ -30,11 +30,7 @@ class Quantity(NamedTuple):
 
 
 def estimates(doubt: Doubt) -> tuple[tuple[Quantity, RobotEstimate], ...]:
-    """All numbers of a fitted robot with intervals.
-
-    Args:
-      doubt: The fit with its uncertainty.
-    """
+    """All numbers of a fitted robot with intervals."""
     zero, found = np.zeros(len(doubt.fit.x)), []
     for one in quantities(doubt.fit.unknowns):
         value, low, high = doubt.interval(one.of)

@@ -44,12 +44,7 @@ class SlipSamples:
 
 
 def slip_samples(fit: RobotFit, rows: Sequence[RunRows]) -> SlipSamples | None:
-    """Samples of all runs; None if there is no drive of known velocity.
-
-    Args:
-      fit: The fitted robot, whose balance gives the traction.
-      rows: Rows of the runs on one floor.
-    """
+    """Samples of all runs; None if there is no drive of known velocity."""
     parts, moves = [], 0
     for number, run in enumerate(rows):
         for move in _moves(run):
@@ -84,12 +79,7 @@ def _good_stretches(run: RunRows) -> Iterator[slice]:
 
 
 def ground_velocity(run: RunRows, move: slice) -> Array:
-    """Velocity of the origin in the body frame from the accelerometer, shape (k, 2) [m/s]; zero at both ends.
-
-    Args:
-      run: Rows of one run.
-      move: A drive from rest to rest.
-    """
+    """Body velocity in a drive from rest to rest, from the accelerometer, shape (k, 2) [m/s]."""
     heading = _integral(run.yaw_rate[move])
     cos, sin = np.cos(heading), np.sin(heading)
     x, y = run.acceleration[move].T

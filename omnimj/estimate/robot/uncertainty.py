@@ -68,10 +68,6 @@ def doubt_by_wheel_inertia(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
     """Deviation of the estimate by that of the wheels' inertia, −H⁻¹ ∂²f/∂x∂(ln I) σ, shape (p,).
 
     The inertia is not estimated: errors of the small forces that it makes would spoil it.
-
-    Args:
-      fit: The fitted robot.
-      rows: Rows of its runs.
     """
     unknowns, noise = fit.unknowns, fit.noise * np.sqrt(fit.memory)
     robot, size = unknowns.nominal.robot, 1.0 + _INERTIA_STEP

@@ -115,14 +115,7 @@ class _RecordCodec:
     """Codec of the fixed fields of one kind of record."""
 
     def __init__(self, record: type, fields: tuple[Field, ...], count: str = "", items: str = ""):
-        """Prepare the conversions.
-
-        Args:
-          record: Dataclass to build.
-          fields: Layout of its numbers on the wire.
-          count: Name of the field that counts the items.
-          items: Attribute that holds the items, which `build` gets as an additional last value.
-        """
+        """Prepare the conversions."""
         self.struct = struct_of(fields)
         self._record, self._fields = record, fields
         self._writers = [_writer(field) for field in fields]

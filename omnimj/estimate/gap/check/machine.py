@@ -22,12 +22,7 @@ _EXPLAINS = 0.3  # share of an input's variance that only the motion of the link
 
 
 def machine_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion]:
-    """Yield defects of the columns and contradictions between them.
-
-    Args:
-      dataset: The runs.
-      machine: Gives masses, gravity and actuators.
-    """
+    """Yield defects of the columns and contradictions between them."""
     names = [f"position:{joint}" for joint in machine.joints]
     speeds = [f"velocity:{joint}" for joint in machine.joints]
     inputs = [f"{kind}:{drive.name}" for drive in machine.drives for kind in ("force", "control")]

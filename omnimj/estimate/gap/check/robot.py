@@ -395,13 +395,7 @@ def _scales(
 
 
 def _currents(runs: Sequence[Run], count: int, sign: float) -> Iterator[Suspicion]:
-    """Yield swapped or reversed currents: a motor supplies work to its own wheel.
-
-    Args:
-      runs: All runs.
-      count: Number of wheels.
-      sign: −1 if all wheel speeds have the wrong sign.
-    """
+    """Yield swapped or reversed currents: a motor works on its own wheel; sign −1 turns all speeds round."""
     work, drawn, turned = np.zeros((count, count)), np.zeros(count), np.zeros(count)
     for run in runs:
         i = np.stack([fill_masked(run, f"current_{k + 1}") for k in range(count)])

@@ -90,13 +90,7 @@ def fit_candidate(
 def refine_leaders(
     current: CurrentModel, tried: list[FittedCandidate], screened: Sequence[ScreenedCandidate]
 ) -> list[FittedCandidate]:
-    """Complete the fits of the leaders; the others keep their first fit.
-
-    Args:
-      current: The model so far.
-      tried: Candidates with their first fit.
-      screened: The same candidates after the screening.
-    """
+    """Complete the fits of the leaders; the others keep their first fit."""
     total = [float(t.losses.sum()) for t in tried]
     reach = _OUT_OF_REACH * min(total, default=0.0)
     done = list(tried)
@@ -172,14 +166,7 @@ def _better_start(current: CurrentModel, done: FittedCandidate) -> Fit | None:
 def fitted_already(
     current: CurrentModel, model: Fit, candidate: CandidateEffect, share: float
 ) -> FittedCandidate:
-    """Effect of a fitted model as a candidate beside the model's other effects; it becomes the last of them.
-
-    Args:
-      current: The model without it.
-      model: The fitted model.
-      candidate: One of its effects.
-      share: Share of the mismatch that it explains to first order.
-    """
+    """Effect of a fitted model as a candidate beside the others; it becomes the last of them."""
     own = parameter_slice(current.problem, model, candidate)
     places = np.r_[np.delete(np.arange(len(model.x)), own), np.arange(own.start, own.stop)]
     effects = (*_others(model, candidate), candidate)
@@ -194,15 +181,7 @@ def _others(model: Fit, candidate: CandidateEffect) -> ModelEffects:
 def fit_without(
     problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit, rounds: int
 ) -> Fit:
-    """Fit a model again without one of its effects; a single round begins with the Jacobian of the model.
-
-    Args:
-      problem: The data and the scale.
-      model: The fitted model.
-      candidate: One of its effects.
-      split: Gives the training blocks.
-      rounds: Largest number of Jacobians.
-    """
+    """Fit a model without one of its effects; a single round begins with the model's Jacobian."""
     own = parameter_slice(problem, model, candidate)
     known = np.delete(model.jacobian, own, axis=1) if rounds == 1 else None
     return fit(problem, _others(model, candidate), np.delete(model.x, own), split.used, rounds, known)

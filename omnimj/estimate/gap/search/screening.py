@@ -204,14 +204,7 @@ def _group_sums(columns: Array, groups: Groups, channels: int) -> Array:
 
 
 def _heldout_squares(sums: Array, own: int, penalty: Array, folds: list[NDArray[np.int_]]) -> Array:
-    """Squared held-out residual per group of the linear model whose last column is the residual.
-
-    Args:
-      sums: Aᵀ A per group, shape (groups, columns + 1, columns + 1).
-      own: Number of columns that belong to the model.
-      penalty: Precision of each column, shape (columns,).
-      folds: Groups left out together.
-    """
+    """Squared held-out residual per group of the linear model whose last column is the residual."""
     left = np.zeros(len(sums))
     total = sums[np.concatenate(folds)].sum(axis=0)
     for out in folds:

@@ -106,15 +106,7 @@ def select_round(
     split: TrainingSplit,
     report: Progress,
 ) -> SelectionRound:
-    """Screen, fit, cross-validate and rank candidates.
-
-    Args:
-      problem: The data and the scale.
-      current: The model so far, fitted on the training blocks.
-      candidates: Candidates to add.
-      split: Training blocks, groups and folds.
-      report: Called with a phrase and the completed share.
-    """
+    """Screen, fit, cross-validate and rank candidates."""
     model = CurrentModel(problem, current, split)
     screened = screen_candidates(problem, current, candidates, split.used)
     go = shortlist(screened)

@@ -49,13 +49,6 @@ def best_subset(
 
     To first order all subsets follow from one set of sensitivities, so that only the most promising are
     fitted; triples only if they leave clearly less than the best pair.
-
-    Args:
-      problem: The data and the scale.
-      current: The model so far, fitted.
-      screened: Candidates after the screening, whose starting points give their shapes.
-      split: Training blocks, groups and folds.
-      room: Largest number of effects to add.
     """
     before = group_losses(problem, current, split)
     fitted = []

@@ -145,11 +145,6 @@ class RigReplay:
     def __init__(self, dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]):
         """Prepare the runs.
 
-        Args:
-          dataset: The measured runs.
-          rig: The model file's constants and the effects that it has already.
-          floors: Floors by name.
-
         Raises:
           InputError: A run without floor.
           UnknownNameError: Unknown floor.

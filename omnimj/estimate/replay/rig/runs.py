@@ -63,11 +63,6 @@ class RigRuns:
 def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
     """Resample the runs and take block means.
 
-    Args:
-      dataset: The measured runs.
-      rig: Gives the sample rate.
-      floors: Floors by name.
-
     Raises:
       InputError: A run without floor.
       UnknownNameError: Unknown floor.

@@ -184,16 +184,7 @@ def _impose_wheel_speeds(state, place, speed, sensors, terms):
 
 @kernel
 def _add_missing_currents(state, encoder_speed, part, speed, follower, missing):
-    """Add the current missing at each wheel over a part of a step; correct the angles of the wheels.
-
-    Args:
-      state: Planar state at the end of the part.
-      encoder_speed: Simulated encoder speeds at the end of the part, shape (4,) [rad/s].
-      part: The part of a step.
-      speed: Measured wheel speeds, shape (steps, 4) [rad/s].
-      follower: The robot.
-      missing: Added to, shape (4,) [A].
-    """
+    """Add the current missing at each wheel over a part of a step; correct the angles of the wheels."""
     model, sensors = follower.model, follower.sensors
     for i in range(WHEELS):
         after = _true_value(speed, sensors, SPEED + i, i, part.place + part.share)
@@ -209,13 +200,7 @@ def _add_missing_currents(state, encoder_speed, part, speed, follower, missing):
 
 @kernel
 def _place_wheels(state, follower, wheels):
-    """Move the contact of every wheel to the roller that carries it.
-
-    Args:
-      state: Planar state.
-      follower: The robot.
-      wheels: Packed wheels, changed in place, shape (4, PLANAR_WHEEL_SIZE).
-    """
+    """Move the contact of every wheel to the roller that carries it."""
     for i in range(WHEELS):
         away = _at_roller_angle(follower.rollers, 0, state.angle[i] + follower.phase[i])
         wheel = planar_wheel_at(follower.model.wheels[i])
@@ -286,13 +271,6 @@ def _block_means(stretch, sensors, followed, size, blocks):
     """Average the simulated sensors of one stretch over blocks, from the results of `_follow`.
 
     The wheel speeds are those measured and stay out.
-
-    Args:
-      stretch: The log.
-      sensors: Delay [steps], scale and offset of every channel, shape (3, CHANNELS).
-      followed: Shape (steps, 8).
-      size: Steps per block.
-      blocks: Rows of the stretch are filled, shape (blocks, CHANNELS).
     """
     row = stretch.block
     for first in range(0, len(stretch.times) - size + 1, size):

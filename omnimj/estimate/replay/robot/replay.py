@@ -120,12 +120,6 @@ class RobotReplay:
     ):
         """Prepare the runs.
 
-        Args:
-          dataset: The measured runs.
-          robot: The model file's constants and the effects that it has already.
-          floors: Floors by name.
-          threads: Threads for several settings at once; the machine's cores when None.
-
         Raises:
           InputError: A run without floor, or none that is long enough.
           UnknownNameError: Unknown floor.

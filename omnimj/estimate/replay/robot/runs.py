@@ -96,11 +96,6 @@ class _Stretch:
 def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> RobotRuns:
     """Cut the runs at their gaps and take means.
 
-    Args:
-      dataset: The measured runs.
-      robot: Gives geometry, sensors and the default mass.
-      floors: Floors by name.
-
     Raises:
       InputError: A run without floor, or no run that is long enough.
       UnknownNameError: Unknown floor.

@@ -75,11 +75,6 @@ class SteadyReplay:
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.
 
-        Args:
-          dataset: The measured runs.
-          robot: The model file's constants and the effects that it has already.
-          floors: Floors by name.
-
         Raises:
           InputError: A run without floor, or too little steady driving.
           UnknownNameError: Unknown floor.
@@ -245,12 +240,7 @@ def _blocks_on(runs: SteadyRuns, floor: str) -> NDArray[np.int_]:
 
 
 def steady_model(changed: AppliedEffects, floor: Floor) -> PlanarModel:
-    """Planar model of a robot with its effects on one floor.
-
-    Args:
-      changed: The robot with its effects.
-      floor: The floor with its effects.
-    """
+    """Planar model of a robot with its effects on one floor."""
     n = changed.machine.wheel_count
     made = standing_constants(changed, changed.machine.body.mass)
     motors = changed.motors([motor_parameters(changed.machine.motor)] * n)

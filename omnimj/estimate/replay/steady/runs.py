@@ -54,12 +54,7 @@ class SteadyRuns:
 
 
 def direction_sectors(dataset: Dataset, robot: Robot) -> Dataset:
-    """The dataset with the sector of each run's direction as its condition, unless it repeats another run.
-
-    Args:
-      dataset: Runs with a measured pose.
-      robot: Gives the kinematics.
-    """
+    """The dataset with the sector of each run's direction as its condition, unless it repeats another run."""
     inverse = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     sectors = [_sector(inverse @ _rim_speed(run, robot)) for run in dataset.runs]
     runs = [
@@ -86,11 +81,6 @@ def _sector(twist: Array) -> str:
 
 def steady_runs(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -> SteadyRuns:
     """Blocks of steady driving of all runs.
-
-    Args:
-      dataset: Runs with a measured pose, wheel speeds and currents.
-      robot: Gives the number and the radius of the wheels.
-      floors: Known floors by name.
 
     Raises:
       InputError: A run without floor, or too little steady driving in all.
