@@ -12,6 +12,8 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from simulated_wire import SimulatedWire, WireFaults
+
 from omnimj.link.calibration import device_config, require_hardware
 from omnimj.link.codec.key import Key
 from omnimj.link.codec.layout import DropCounts
@@ -23,7 +25,6 @@ from omnimj.link.host.plant import HardwarePlant
 from omnimj.link.host.state_machine import Host
 from omnimj.link.transport.address import UdpAddress
 from omnimj.link.transport.interface import SinglePeerListener
-from omnimj.link.transport.simulated import SimulatedWire, WireFaults
 from omnimj.link.transport.udp import UdpListener
 from omnimj.parameters import read_robot
 from omnimj.plant.interface import Plant

@@ -1,4 +1,4 @@
-"""Time and memory of the control step, measured on a recorded mission that is replayed without the plant."""
+"""Control step on a recorded mission that is replayed without the plant, and diagnosis of recorded runs."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ from omnimj.control.cascade.controller import Controller
 from omnimj.control.compiled import CompiledController, CompiledState
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.recovery import Recovery
-from omnimj.parameters import Robot, read_robot
+from omnimj.diagnosis.logs import read_machine
+from omnimj.diagnosis.replay import DiagnosisConfig, diagnose
+from omnimj.parameters import Robot, read_floors, read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
-from omnimj.signals import CurrentCommand, Measurement, Target
+from omnimj.recording.dataset import Dataset, Run
+from omnimj.signals import CurrentCommand, Measurement, Target, robot_channels
 from omnimj.simulate.driving import drive
 from omnimj.simulate.suites.missions import mission as make_mission
 
@@ -229,3 +232,28 @@ def measure_control(rounds: int, duration: float, hours: float, longest: float) 
             healthy, passes, 0.5 * longest, resident_memory
         ).per_hour
     return found
+
+
+def measure_logs(duration: float) -> dict[str, float]:
+    """Measure the diagnosis of a recorded mission without faults.
+
+    Args:
+      duration: Duration of the mission [s].
+
+    Returns:
+      `log_hours_per_minute`: hours of log that one core diagnoses in a minute of its time.
+    """
+    robot = read_robot()
+    plant = PlanarRobot(robot, FLOOR, seed=SEED)
+    reference = make_mission(np.random.default_rng(SEED), duration, plant.period)
+    trace = drive(plant, full_controller(robot), reference)
+    wheels = len(robot.wheels)
+    names = ("time", *robot_channels(wheels), *(f"current_target_{i}" for i in range(1, wheels + 1)))
+    columns = {name: trace[name] for name in names}
+    run = Run("mission", columns, {}, {"floor": FLOOR})
+    dataset = Dataset(Path(), "uto_robot", (run,))
+    config = DiagnosisConfig(dataset, read_machine(dataset), "robust", read_floors())
+    list(diagnose(config))  # compiles the kernels
+    start = time.process_time()
+    list(diagnose(config))
+    return {"log_hours_per_minute": (duration / 3600.0) / ((time.process_time() - start) / 60.0)}

@@ -121,11 +121,10 @@ def run(arguments: Any) -> int:
     """Measure every part; speed is reported, not judged."""
     if arguments.wheels:
         return _run_wheels(arguments)
-    from omnimj.bench.control import measure_control
+    from omnimj.bench.control import measure_control, measure_logs
     from omnimj.bench.gap import measure_gap
     from omnimj.bench.learning import measure_environments
     from omnimj.bench.link import measure_link
-    from omnimj.bench.logs import measure_logs
     from omnimj.bench.twin import measure_driving, measure_run, measure_twin
 
     announce_compilation("twin", "uto_robot", quiet=arguments.quiet)

@@ -53,7 +53,7 @@ def _build(arguments: Any) -> int:
 def _publish(arguments: Any, folder: Path, force: bool) -> SiteBuild:
     """Build the site into a folder, with a bar of progress."""
     from omnimj.cli.main import make_parser
-    from omnimj.documentation.publish import publish
+    from omnimj.documentation.site import publish
 
     with progress_bar(arguments) as bar:
         execute = arguments.tutorials == "executed"

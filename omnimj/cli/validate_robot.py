@@ -49,8 +49,7 @@ end of path: median distance of the ends over the path's length, for the simulat
 
 def validate_robot_dataset(arguments: Any, dataset: Dataset, floors: Mapping[str, Floor]) -> int:
     """Simulate every measured drive again and write the comparison."""
-    from omnimj.estimate.drives.files import drives_content
-    from omnimj.estimate.drives.validate import require_drives, validate_drives
+    from omnimj.estimate.drives.validate import drives_content, require_drives, validate_drives
     from omnimj.parameters import read_robot
 
     robot = read_robot(arguments.model)

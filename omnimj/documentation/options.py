@@ -6,7 +6,7 @@ import argparse
 import re
 from collections.abc import Iterator
 
-from omnimj.documentation.tables import table
+from omnimj.documentation.reference import table
 from omnimj.resources import models_folder
 
 HOWTO = "howto/"

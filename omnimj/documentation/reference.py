@@ -11,7 +11,6 @@ from typing import Any
 import omnimj
 from omnimj import workflows
 from omnimj.control.detection.detector import OPTION_FLAGS
-from omnimj.documentation.tables import table
 from omnimj.effects.catalogue import EFFECTS, PLANTS, effects_of
 from omnimj.effects.effect import AXIS, MJCF, RIG, ROBOT, Effect, EffectParameter
 from omnimj.parameters import read_floors
@@ -313,3 +312,9 @@ def api_page() -> str:
     for title, members in groups.items():
         parts += [f"## {title}", *(f"::: omnimj.{name}" for name in members)]
     return "\n\n".join(parts) + "\n"
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; a bar in a cell is escaped."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
-from omnimj.documentation.equations import format_equation
+from omnimj.documentation.equations import format_equation, format_state_diagram
 from omnimj.documentation.navigation import navigation
 from omnimj.documentation.staging import Report, stage
-from omnimj.documentation.state_diagrams import format_state_diagram
-from omnimj.errors import MissingLibrary, OmnimjError
+from omnimj.errors import MissingLibrary, OmnimjError, write_failure
+from omnimj.recording.folder import check_folder
 
 _PACKAGE = Path(omnimj.__file__).resolve().parent
 _PACKAGES = (
@@ -198,3 +199,50 @@ def _collected_warnings() -> Iterator[list[str]]:
     finally:
         logger.removeHandler(collector)
         logger.propagate, logger.level = before[0], before[1]
+
+
+_MARK = "index.html"
+
+
+def publish(
+    folder: Path, force: bool, parser: argparse.ArgumentParser, execute: bool, report: Report
+) -> SiteBuild:
+    """Build the site beside its folder and move it there when it is complete.
+
+    Args:
+      folder: Folder of the site, new or empty.
+      force: Write into a folder that is not empty; the files of a site there are replaced, others are kept.
+      parser: Parser of `omnimj`, whose options the how-to pages list.
+      execute: Whether to execute the tutorials, so that their results are shown.
+      report: Called with what is being done and the share that is done.
+
+    Raises:
+      InputError: The folder is not empty and `force` is false.
+      OutputError: The folder cannot be written.
+      SimulationError: A tutorial ended with an error.
+      OmnimjError: The generator warned, for example of a link that leads nowhere.
+    """
+    place = f"--out {folder}"
+    check_folder(folder, force)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as work:
+            site = build_site(Path(work) / "site", parser, execute, report)
+            if site.warnings:
+                raise OmnimjError(f"omnimj docs: {'; '.join(site.warnings)}")
+            _move(Path(work) / "site", folder)
+    except OSError as error:
+        raise write_failure(place, error) from None
+    return SiteBuild(folder, site.pages, site.warnings)
+
+
+def _move(built: Path, folder: Path) -> None:
+    """Move the entries of a built site into a folder, the first page last."""
+    folder.mkdir(exist_ok=True)
+    for entry in sorted(built.iterdir(), key=lambda path: path.name == _MARK):
+        target = folder / entry.name
+        if target.is_dir() and not target.is_symlink():
+            shutil.rmtree(target)
+        else:
+            target.unlink(missing_ok=True)
+        shutil.move(entry, target)

@@ -3,7 +3,7 @@
 `PROTOCOL.md` describes the protocol; `firmware/` contains it as a C header, with an example firmware.
 
 - `codec`: encoding of messages: layout, frames, byte stuffing, key.
-- `transport`: addresses, serial port, UDP, and a simulated wire with disturbances.
+- `transport`: addresses, serial port, and UDP.
 - `device`: the rules of the device as a state machine, its limits, an emulated device and its server.
 - `host`: the rules of the host as a state machine, the link on a transport, the robot behind it as a plant, a
   log of all frames, and its conversion to a dataset.

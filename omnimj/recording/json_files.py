@@ -34,6 +34,16 @@ def rounded(value: float) -> float | None:
     return float(f"{value:.6g}") if math.isfinite(value) else None
 
 
+def rounded_values(value: Any) -> Any:
+    """Convert a value to JSON types, every float rounded as `rounded` does."""
+    value = to_jsonable(value)
+    if isinstance(value, dict):
+        return {key: rounded_values(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [rounded_values(entry) for entry in value]
+    return rounded(value) if isinstance(value, float) else value
+
+
 def rounded_list(values: Array) -> list[float | None]:
     """Round every value of an array, shape (n,), as `rounded` does."""
     return [rounded(value) for value in values.tolist()]

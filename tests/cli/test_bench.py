@@ -21,7 +21,7 @@ MEASURED = (
     "omnimj.bench.gap.measure_gap",
     "omnimj.bench.learning.measure_environments",
     "omnimj.bench.link.measure_link",
-    "omnimj.bench.logs.measure_logs",
+    "omnimj.bench.control.measure_logs",
     "omnimj.bench.twin.measure_driving",
     "omnimj.bench.twin.measure_run",
     "omnimj.bench.twin.measure_twin",

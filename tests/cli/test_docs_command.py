@@ -7,7 +7,7 @@ import importlib.util
 import pytest
 
 from omnimj.cli.main import main
-from omnimj.documentation import publish as publishing
+from omnimj.documentation import site as publishing
 from omnimj.documentation.site import SiteBuild, require_generator
 
 

@@ -9,10 +9,9 @@ import threading
 import pytest
 from full_disk import no_file_beyond
 
-from omnimj.documentation import publish as publishing
-from omnimj.documentation.publish import publish
+from omnimj.documentation import site as publishing
 from omnimj.documentation.server import open_server
-from omnimj.documentation.site import SiteBuild
+from omnimj.documentation.site import SiteBuild, publish
 from omnimj.errors import InputError, OmnimjError, OutputError
 
 PARSER = argparse.ArgumentParser()

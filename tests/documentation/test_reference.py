@@ -13,9 +13,9 @@ from omnimj.documentation.reference import (
     effects_page,
     scenario_keys_page,
     schemas_page,
+    table,
 )
 from omnimj.documentation.staging import DOCS
-from omnimj.documentation.tables import table
 from omnimj.effects.catalogue import PLANTS, effects_of
 from omnimj.plant.faults import FAULT_KINDS
 from omnimj.recording.dataset import PLANT_COLUMNS

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from omnimj.documentation.equations import format_state_diagram
 from omnimj.documentation.staging import DOCS
-from omnimj.documentation.state_diagrams import format_state_diagram
 
 
 def table(source: str) -> str:

@@ -9,8 +9,7 @@ import pytest
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.drives.compare import marker_angle, speed_groups
-from omnimj.estimate.drives.files import drives_content
-from omnimj.estimate.drives.validate import validate_drives
+from omnimj.estimate.drives.validate import drives_content, validate_drives
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import all_floors
 from omnimj.physics.kinematics import rolling_matrix

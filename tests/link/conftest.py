@@ -1,1 +1,1 @@
-"""Puts this folder on the import path of its sub-folders, for `device_driver` and `sample_frames`."""
+"""Puts this folder on the import path of its sub-folders, for `device_driver` and the other helpers."""

@@ -12,13 +12,13 @@ import random
 from dataclasses import dataclass
 
 import numpy as np
+from simulated_wire import WireFaults
 from wired_devices import PERIOD, World
 
 from omnimj.errors import LinkLost
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.messages import Arm, Command, Frame, Hello, Stop
 from omnimj.link.host.state_machine import COMMAND_VALIDITY
-from omnimj.link.transport.simulated import WireFaults
 from omnimj.signals import CurrentCommand
 
 LATEST = COMMAND_VALIDITY + PERIOD + World.QUANTUM

@@ -1,7 +1,6 @@
 """Which wheel stands on which floor, from currents and wheel speeds of steady driving.
 
-`currents`     the currents that every assignment of floors to wheels needs
-`windows`      runs as windows of mean currents and wheel speeds
+`currents`     currents that every assignment of floors to wheels needs, and windows of their means
 `labelling`    most probable assignment over time, and probability of each floor under each wheel
 `calibration`  noise and threshold from runs on one floor
 `runs`         labelled runs, and `label_runs` over a dataset

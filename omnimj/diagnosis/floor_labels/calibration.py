@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.diagnosis.floor_labels.currents import FloorPlan, expected_currents
+from omnimj.diagnosis.floor_labels.currents import FloorPlan, expected_currents, steady_windows
 from omnimj.diagnosis.floor_labels.labelling import CurrentNoise, Evidence, label_path, neighbours
-from omnimj.diagnosis.floor_labels.windows import steady_windows
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array

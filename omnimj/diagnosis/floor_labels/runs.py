@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnimj.diagnosis.floor_labels.calibration import LabelCalibration, run_floor
-from omnimj.diagnosis.floor_labels.currents import FloorPlan, Labels, expected_currents
+from omnimj.diagnosis.floor_labels.currents import (
+    FloorPlan,
+    Labels,
+    Windows,
+    expected_currents,
+    steady_windows,
+)
 from omnimj.diagnosis.floor_labels.edge import EdgeLine, SeenRun, contacts, misfits, place_line, true_labels
 from omnimj.diagnosis.floor_labels.labelling import (
     Evidence,
@@ -26,7 +32,6 @@ from omnimj.diagnosis.floor_labels.scores import (
     shifted,
     unchanged,
 )
-from omnimj.diagnosis.floor_labels.windows import Windows, steady_windows
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array

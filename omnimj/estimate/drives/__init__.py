@@ -2,5 +2,5 @@
 
 - `replay`: one run on twin, equations, or rolling without slip
 - `compare`: numbers of a run, groups of runs by floor and speed, angle of the marker
-- `validate`: all runs; `files`: content of `validation.json`; `records`: what they return
+- `validate`: all runs, and the content of `validation.json`; `records`: what they return
 """

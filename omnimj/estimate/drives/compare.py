@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.drives.records import DrivenRun, Group, Motion, RunNumbers
+from omnimj.estimate.identification.runs import finite_rms
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
@@ -193,19 +194,13 @@ def _group(runs: Sequence[RunNumbers]) -> Group:
         wheel_rolling=float(np.mean([one.wheel_rolling for one in runs])),
         measured_speed=speed,
         simulated_speed=float(np.nanmean(np.hypot(simulated[:, 0], simulated[:, 1]))),
-        velocity_error=float(_rms(np.hypot(errors[:, 0], errors[:, 1])) / speed)
+        velocity_error=float(finite_rms(np.hypot(errors[:, 0], errors[:, 1])) / speed)
         if speed > _MOVING
         else np.nan,
-        current_error=np.array([_rms(column) for column in (drawn - currents).T]),
-        measured_current=np.array([_rms(column) for column in currents.T]),
-        measured_yaw_rate=_rms(measured[:, 2]),
-        yaw_rate_error=_rms(errors[:, 2]),
+        current_error=np.array([finite_rms(column) for column in (drawn - currents).T]),
+        measured_current=np.array([finite_rms(column) for column in currents.T]),
+        measured_yaw_rate=finite_rms(measured[:, 2]),
+        yaw_rate_error=finite_rms(errors[:, 2]),
         end_by_measured_heading=float(far[0]),
         end_by_own_heading=float(far[1]),
     )
-
-
-def _rms(values: Array) -> float:
-    """Root mean square of what is known; NaN if nothing is."""
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan

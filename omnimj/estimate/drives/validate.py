@@ -8,7 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
+import omnimj
 from omnimj.control.robot_constants import robot_constants
 from omnimj.effects import ChannelEffect, apply_effects
 from omnimj.errors import InputError, UnknownNameError
@@ -21,6 +23,7 @@ from omnimj.estimate.robot.identify import require_robot
 from omnimj.estimate.robot.pose_check import require_like_motion
 from omnimj.parameters import Floor, Robot
 from omnimj.recording.dataset import Dataset
+from omnimj.recording.json_files import rounded_values
 
 PLANTS = ("twin", "planar")
 """Plants that can be driven by wheel speeds."""
@@ -141,3 +144,20 @@ def _marker_notes(marker: Mapping[str, Mapping[str, float | None]], floors: Sequ
         words = ", ".join(f"{1000.0 * (angle or 0.0):+.1f} mrad ({plant})" for plant, angle in found.items())
         notes.append(f"{floor}: marker turned on the robot, estimated from these runs: {words}")
     return notes
+
+
+def drives_content(found: DriveValidation, command: str = "") -> dict[str, Any]:
+    """Content of `validation.json`: SI units, errors of speeds and lengths as ratios, null: unknown."""
+    return {
+        "dataset": str(found.dataset),
+        "model": str(found.model),
+        "effects": list(found.effects),
+        "omnimj": omnimj.__version__,
+        "command": command,
+        "interrupted": found.interrupted,
+        "notes": [*found.marker_notes, *found.notes],
+        "plants": list(found.plants),
+        "marker_angle": rounded_values(found.marker),
+        "table": [rounded_values(vars(group)) for group in found.groups],
+        "runs": [rounded_values(vars(run)) for run in found.numbers],
+    }

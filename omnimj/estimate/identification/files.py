@@ -93,16 +93,9 @@ def _curve(curve: SteadyCurve) -> dict[str, Any]:
     """Curve over the covered slip; the whole curve where nothing is covered."""
     low = curve.covered[0]
     within = curve.slip >= low if math.isfinite(low) else curve.slip > 0.0
-    columns = {
-        "slip": curve.slip,
-        "traction_ratio": curve.ratio,
-        "low": curve.low,
-        "high": curve.high,
-        "level": curve.level,
-        "level_low": curve.level_low,
-        "level_high": curve.level_high,
-    }
-    return {name: rounded_list(values[within]) for name, values in columns.items()}
+    names = {"traction_ratio": "ratio"} | {n: n for n in ("low", "high", "level", "level_low", "level_high")}
+    columns = {"slip": "slip", **names}
+    return {name: rounded_list(getattr(curve, own)[within]) for name, own in columns.items()}
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:

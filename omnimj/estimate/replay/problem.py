@@ -153,15 +153,12 @@ class Problem:
         effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
-        """Compute the whitened mismatch of each parameter vector.
+        """Compute the whitened mismatches, shape (blocks, channels) each, 0 where masked.
 
         Args:
           xs: Parameter vectors, shape (n,) each.
           effects: Effects in the model.
-          curves: Free curve of each vector; none when None.
-
-        Returns:
-          One array of shape (blocks, channels) per parameter vector, 0 where masked.
+          curves: As for `mismatches`.
         """
         return [self.whitened(m) for m in self.mismatches(xs, effects, curves)]
 

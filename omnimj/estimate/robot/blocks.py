@@ -31,8 +31,7 @@ from omnimj.estimate.robot.measured_pose import (
     motion_of_pose,
     pose_samples,
 )
-from omnimj.estimate.robot.shafts import Shafts, shafts_of, together
-from omnimj.estimate.robot.smoothing import Smoother, sample_noise
+from omnimj.estimate.robot.smoothing import Shafts, Smoother, sample_noise, shafts_of, together
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, robot_channels

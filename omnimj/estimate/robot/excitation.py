@@ -19,7 +19,7 @@ from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.fit import RobotFit, run_sums
 from omnimj.estimate.robot.quantities import Quantity
 from omnimj.estimate.robot.records import NOT_EXCITED, RobotEstimate, Unexcited
-from omnimj.estimate.robot.shafts import Shafts
+from omnimj.estimate.robot.smoothing import Shafts
 from omnimj.estimate.robot.uncertainty import gradient
 from omnimj.signals import Array
 

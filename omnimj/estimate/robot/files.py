@@ -10,7 +10,6 @@ from scipy.optimize import least_squares
 
 import omnimj
 from omnimj.estimate.robot.records import (
-    CreepForm,
     FloorCreep,
     RobotEstimate,
     RobotIdentification,
@@ -18,7 +17,7 @@ from omnimj.estimate.robot.records import (
 )
 from omnimj.estimate.robot.uncertainty import LEVEL
 from omnimj.parameters.floor import FLOOR_UNITS, Floor, format_floor, printable_line
-from omnimj.recording.json_files import rounded
+from omnimj.recording.json_files import rounded_values
 from omnimj.signals import Array
 
 MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE = "model.toml", "floors.toml", "thresholds.toml"
@@ -32,74 +31,52 @@ _RELAXATION, _DAMPING = 0.02, 0.005  # [m, s] of a law by creep ratio: those of 
 
 def identification_content(found: RobotIdentification, command: str = "") -> dict[str, Any]:
     """Content of `identification.json`."""
-    return {
+    names = ("acceleration_x", "acceleration_y", "yaw_acceleration")
+    content = {
         "dataset": str(found.dataset),
         "model": str(found.robot.file),
         "omnimj": omnimj.__version__,
         "command": command,
         "confidence": LEVEL,
-        "runs": list(found.runs),
-        "seconds": rounded(found.seconds),
-        "notes": list(found.notes),
+        "runs": found.runs,
+        "seconds": found.seconds,
+        "notes": found.notes,
         "parameters": {one.name: _estimate(one) for one in found.estimates},
         "not_excited": [_unexcited(one) for one in found.unexcited],
-        "sensors": {name: rounded(value) for name, value in found.noise.items()},
-        "misfit": dict(
-            zip(
-                ("acceleration_x", "acceleration_y", "yaw_acceleration"),
-                map(rounded, found.residual.tolist()),
-                strict=True,
-            )
-        ),
+        "sensors": found.noise,
+        "misfit": dict(zip(names, found.residual.tolist(), strict=True)),
         "floors": {one.floor: _creep(one) for one in found.floors},
-        "without_creep": list(found.without_creep),
+        "without_creep": found.without_creep,
     }
+    return rounded_values(content)
 
 
 def _estimate(one: RobotEstimate) -> dict[str, Any]:
-    return {
-        "value": rounded(one.value),
-        "low": rounded(one.low),
-        "high": rounded(one.high),
-        "unit": one.unit,
-        "nominal": rounded(one.nominal),
-        "deviation_over_prior": rounded(one.left_of_prior),
-        "source": one.source,
-        "words": one.words,
-    }
+    names = ("value", "low", "high", "unit", "nominal", "source", "words")
+    return {name: getattr(one, name) for name in names} | {"deviation_over_prior": one.left_of_prior}
 
 
 def _unexcited(one: Unexcited) -> dict[str, Any]:
     return {
         "parameter": one.estimate.name,
-        "deviation_over_prior": rounded(one.estimate.left_of_prior),
+        "deviation_over_prior": one.estimate.left_of_prior,
         "manoeuvre": one.manoeuvre or None,
-        "deviation_after": rounded(one.left_after),
+        "deviation_after": one.left_after,
     }
 
 
 def _creep(one: FloorCreep) -> dict[str, Any]:
+    parameters = {}
+    for name, value in one.chosen.numbers.items():
+        low, high = one.intervals[name]
+        parameters[name] = {"value": value, "low": low, "high": high}
     return {
         "form": one.chosen.name,
-        "parameters": {
-            name: {
-                "value": rounded(value),
-                "low": rounded(one.intervals[name][0]),
-                "high": rounded(one.intervals[name][1]),
-            }
-            for name, value in one.chosen.numbers.items()
-        },
-        "forms": {form.name: _form(form) for form in one.forms},
-        "slip_range": [0.0, rounded(one.covered)],
+        "parameters": parameters,
+        "forms": {f.name: {"held_out_rms": f.held_out, "parameters": f.numbers} for f in one.forms},
+        "slip_range": [0.0, one.covered],
         "moves": one.moves,
-        "runs": list(one.runs),
-    }
-
-
-def _form(form: CreepForm) -> dict[str, Any]:
-    return {
-        "held_out_rms": rounded(form.held_out),
-        "parameters": {name: rounded(value) for name, value in form.numbers.items()},
+        "runs": one.runs,
     }
 
 

@@ -49,8 +49,16 @@ def quantities(u: Unknowns) -> Iterator[Quantity]:
     yield from _of_sensors(u)
 
 
-def _balance(u: Unknowns, of: Callable[[BalanceConstants], float]) -> Callable[[Array], float]:
-    return lambda x: float(of(u.constants(x)))
+def _constant(
+    u: Unknowns, name: str, words: str, unit: str, of: Callable[[BalanceConstants], float]
+) -> Quantity:
+    """Number that follows from the constants of the balance."""
+    return Quantity(name, words, unit, lambda x: float(of(u.constants(x))))
+
+
+def _dependent(quantity: Quantity) -> Quantity:
+    """The number as one that follows from others."""
+    return quantity._replace(is_parameter=False)
 
 
 def torque_constants(u: Unknowns, c: BalanceConstants) -> Array:
@@ -61,86 +69,50 @@ def torque_constants(u: Unknowns, c: BalanceConstants) -> Array:
 
 
 def _of_wheel(u: Unknowns, i: int) -> Iterator[Quantity]:
-    wheel, radius = i + 1, float(u.nominal.robot.radius[i])
-    yield Quantity(
-        f"torque_constant_{wheel}",
-        f"torque constant of motor {wheel}",
-        "N.m/A",
-        _balance(u, lambda c: torque_constants(u, c)[i]),
-        False,
+    k, radius = i + 1, float(u.nominal.robot.radius[i])
+    words = f"torque constant of motor {k}"
+    yield _dependent(
+        _constant(u, f"torque_constant_{k}", words, "N.m/A", lambda c: torque_constants(u, c)[i])
     )
-    yield Quantity(
-        f"torque_ratio_{wheel}",
-        f"torque constant of motor {wheel} over the mean of all",
-        "1",
-        _balance(u, lambda c: c.robot.torque[i] / c.robot.torque.mean()),
-    )
-    yield Quantity(
-        f"dry_loss_{wheel}",
-        f"dry loss of wheel {wheel}, as torque at the wheel",
-        "N.m",
-        _balance(u, lambda c: c.robot.dry[i] * radius),
-    )
-    yield Quantity(
-        f"viscous_loss_{wheel}",
-        f"viscous loss of wheel {wheel}, as torque at the wheel",
-        "N.m.s/rad",
-        _balance(u, lambda c: c.robot.viscous[i] * radius),
-    )
+    words = f"torque constant of motor {k} over the mean of all"
+    yield _constant(u, f"torque_ratio_{k}", words, "1", lambda c: c.robot.torque[i] / c.robot.torque.mean())
+    words = f"dry loss of wheel {k}, as torque at the wheel"
+    yield _constant(u, f"dry_loss_{k}", words, "N.m", lambda c: c.robot.dry[i] * radius)
+    words = f"viscous loss of wheel {k}, as torque at the wheel"
+    yield _constant(u, f"viscous_loss_{k}", words, "N.m.s/rad", lambda c: c.robot.viscous[i] * radius)
     for speed in LOSS_SPEEDS:
-        yield Quantity(
-            f"loss_{wheel}_at_{speed:g}",
-            f"whole loss of wheel {wheel} at {speed:g} rad/s",
-            "N.m",
-            _balance(u, lambda c, w=speed: (c.robot.dry[i] + c.robot.viscous[i] * w) * radius),
-            False,
-        )
+        name, words = f"loss_{k}_at_{speed:g}", f"whole loss of wheel {k} at {speed:g} rad/s"
+
+        def loss(c: BalanceConstants, speed: float = speed) -> float:
+            return (c.robot.dry[i] + c.robot.viscous[i] * speed) * radius
+
+        yield _dependent(_constant(u, name, words, "N.m", loss))
 
 
 def _of_motors(u: Unknowns) -> Iterator[Quantity]:
-    efficiency = u.robot.motor.gear_efficiency
-    yield Quantity(
-        "torque_constant",
-        "torque constant, mean of all motors",
-        "N.m/A",
-        _balance(u, lambda c: torque_constants(u, c).mean()),
-    )
-    yield Quantity(
-        "back_driving_efficiency",
+    words = "torque constant, mean of all motors"
+    yield _constant(u, "torque_constant", words, "N.m/A", lambda c: torque_constants(u, c).mean())
+    words, efficiency = (
         "efficiency of the gear while the wheel drives the motor",
-        "1",
-        _balance(u, lambda c: 1.0 / (c.robot.driven.mean() * efficiency)),
+        u.robot.motor.gear_efficiency,
     )
+    name = "back_driving_efficiency"
+    yield _constant(u, name, words, "1", lambda c: 1.0 / (c.robot.driven.mean() * efficiency))
 
 
 def _of_body(u: Unknowns) -> Iterator[Quantity]:
-    yield Quantity("mass", "mass", "kg", _balance(u, lambda c: c.robot.mass))
-    yield Quantity(
-        "mass_ratio",
-        "mass over the mean traction per ampere",
-        "kg.A/N",
-        _balance(u, lambda c: c.robot.mass / c.robot.torque.mean()),
-    )
-    yield Quantity(
-        "yaw_inertia", "yaw inertia about the centre", "kg.m2", _balance(u, lambda c: c.robot.yaw_inertia)
-    )
-    yield Quantity(
-        "inertia_ratio",
-        "yaw inertia over mass",
-        "m2",
-        _balance(u, lambda c: c.robot.yaw_inertia / c.robot.mass),
-    )
-    yield Quantity("centre_x", "centre of mass, x", "m", _balance(u, lambda c: c.robot.centre[0]))
-    yield Quantity("centre_y", "centre of mass, y", "m", _balance(u, lambda c: c.robot.centre[1]))
-    yield Quantity(
-        "roller_dry", "dry drag of the rollers over the load", "1", _balance(u, lambda c: c.robot.roller_dry)
-    )
-    yield Quantity(
-        "roller_viscous",
-        "viscous drag of the rollers over the load",
-        "s/m",
-        _balance(u, lambda c: c.robot.roller_viscous),
-    )
+    yield _constant(u, "mass", "mass", "kg", lambda c: c.robot.mass)
+    words = "mass over the mean traction per ampere"
+    yield _constant(u, "mass_ratio", words, "kg.A/N", lambda c: c.robot.mass / c.robot.torque.mean())
+    yield _constant(u, "yaw_inertia", "yaw inertia about the centre", "kg.m2", lambda c: c.robot.yaw_inertia)
+    words = "yaw inertia over mass"
+    yield _constant(u, "inertia_ratio", words, "m2", lambda c: c.robot.yaw_inertia / c.robot.mass)
+    yield _constant(u, "centre_x", "centre of mass, x", "m", lambda c: c.robot.centre[0])
+    yield _constant(u, "centre_y", "centre of mass, y", "m", lambda c: c.robot.centre[1])
+    words = "dry drag of the rollers over the load"
+    yield _constant(u, "roller_dry", words, "1", lambda c: c.robot.roller_dry)
+    words = "viscous drag of the rollers over the load"
+    yield _constant(u, "roller_viscous", words, "s/m", lambda c: c.robot.roller_viscous)
 
 
 def _of_sensors(u: Unknowns) -> Iterator[Quantity]:

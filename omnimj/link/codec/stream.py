@@ -8,10 +8,7 @@ from __future__ import annotations
 
 from cobs import cobs
 
-from omnimj.link.codec.frames import decode
-from omnimj.link.codec.key import Key
 from omnimj.link.codec.layout import CHECKSUM_SIZE, HEADER, MAX_FRAME_SIZE, DropCounts, DropReason
-from omnimj.link.codec.messages import Frame
 
 DELIMITER = b"\0"
 """End of a stuffed packet."""
@@ -83,22 +80,3 @@ class PacketStream:
             self._overlong, self._rest = True, b""
         else:
             self._rest = last
-
-
-class FrameStream:
-    """Frames in a stream of bytes; `drops` counts rejected pieces by reason."""
-
-    def __init__(self, key: Key | None = None):
-        self._packets, self._key = PacketStream(), key
-        self.drops = self._packets.drops
-
-    def feed(self, chunk: bytes) -> list[Frame]:
-        """Frames completed by this chunk. Never raises."""
-        found = []
-        for packet in self._packets.feed(chunk):
-            frame = decode(packet, self._key)
-            if isinstance(frame, DropReason):
-                self.drops.add(frame)
-            else:
-                found.append(frame)
-        return found

@@ -35,8 +35,7 @@ from omnimj.link.host.frame_log import FrameLog
 from omnimj.link.host.state_machine import MAX_LOST_FRAMES, Host, HostState, Reading
 from omnimj.link.quality import LOSS_WINDOW
 from omnimj.link.transport.address import Address, SerialAddress, parse_address
-from omnimj.link.transport.interface import Transport, waiting_time
-from omnimj.link.transport.passive import PassiveTransport
+from omnimj.link.transport.interface import PassiveTransport, Transport, waiting_time
 from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.udp import UdpListener, UdpTransport
 from omnimj.parameters.robot import Robot

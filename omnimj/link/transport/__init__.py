@@ -3,5 +3,4 @@
 - `interface`: transport (one far end) and listener (any sender).
 - `address`: `serial:DEVICE?baud=N` and `udp:HOST:PORT`.
 - `serial_port`, `udp`: the real ones.
-- `simulated`: both ends of a wire with loss, delay and other disturbances, in simulated time.
 """

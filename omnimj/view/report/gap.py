@@ -10,7 +10,6 @@ import numpy as np
 
 import omnimj
 from omnimj.estimate.gap import sentences
-from omnimj.estimate.gap.glossary import GLOSSARY
 from omnimj.estimate.gap.records import (
     CandidateResult,
     Finding,
@@ -23,7 +22,13 @@ from omnimj.estimate.gap.records import (
     typical_run,
     worst_run,
 )
-from omnimj.estimate.gap.sentences import format_amount, format_in_noise, format_number, format_percent
+from omnimj.estimate.gap.sentences import (
+    GLOSSARY,
+    format_amount,
+    format_in_noise,
+    format_number,
+    format_percent,
+)
 from omnimj.view.plots import candidates as candidate_plots
 from omnimj.view.plots import mismatch as plots
 from omnimj.view.plots.traction import over_slip

@@ -10,9 +10,9 @@ import pytest
 from toy import SIZE, STEP, Toy
 
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
-from omnimj.estimate.gap.search.ambiguity import is_distinguishable
 from omnimj.estimate.gap.search.candidates import has_shape_at_bound, pinned_amplitudes, without_amplitudes
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, make_folds, make_groups
+from omnimj.estimate.gap.search.judgement import is_distinguishable
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.sentences import headline, next_step, summarize_finding, summarize_given_up
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter, average_blocks

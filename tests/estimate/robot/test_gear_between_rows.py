@@ -9,8 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from omnimj.estimate.robot.balance import SensorErrors, wheel_forces
 from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.identify import identify_robot
-from omnimj.estimate.robot.shafts import Shafts, shafts_of, together
-from omnimj.estimate.robot.smoothing import Smoother
+from omnimj.estimate.robot.smoothing import Shafts, Smoother, shafts_of, together
 from omnimj.estimate.robot.unknowns import unknowns
 from omnimj.parameters import read_robot
 from omnimj.recording.read_dataset import read_dataset

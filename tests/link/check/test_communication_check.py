@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from simulated_wire import WireFaults
 from wired_devices import PERIOD, World
 
 from omnimj.errors import LinkLost
@@ -16,7 +17,6 @@ from omnimj.link.check.communication import (
 from omnimj.link.codec.messages import FaultCode
 from omnimj.link.device.state_machine import Device
 from omnimj.link.host.state_machine import COMMAND_VALIDITY
-from omnimj.link.transport.simulated import WireFaults
 
 
 @pytest.fixture

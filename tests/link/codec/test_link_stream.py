@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 
+from frame_stream import FrameStream
 from hypothesis import given
 from hypothesis import strategies as st
 from sample_frames import GOLDEN, KEY, describe, frames
 
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import DropReason
-from omnimj.link.codec.stream import DELIMITER, FrameStream, PacketStream, stuff
+from omnimj.link.codec.stream import DELIMITER, PacketStream, stuff
 
 
 def stuffed(frame) -> bytes:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from frame_stream import FrameStream
 from sample_frames import CALIBRATION
 
 import omnimj.link
@@ -31,7 +32,7 @@ from omnimj.link.codec.messages import (
     Stop,
     Telemetry,
 )
-from omnimj.link.codec.stream import FrameStream, stuff
+from omnimj.link.codec.stream import stuff
 from omnimj.link.device.config import limits_hash
 
 HERE = Path(__file__).parent

@@ -7,6 +7,7 @@ import random
 import numpy as np
 import pytest
 from nightly import checkerboard
+from simulated_wire import WireFaults
 from wired_devices import PERIOD, WIRING, World
 
 from omnimj.errors import InputError, LinkLost
@@ -16,7 +17,6 @@ from omnimj.link.device.server import is_stop
 from omnimj.link.host.link import LinkMode
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.link.host.state_machine import COMMAND_VALIDITY, HostState
-from omnimj.link.transport.simulated import WireFaults
 from omnimj.signals import CurrentCommand
 
 MOVE = CurrentCommand(np.full(4, 0.3))

@@ -8,6 +8,7 @@ import zlib
 import numpy as np
 import pytest
 from nightly import representative
+from simulated_wire import WireFaults
 from wired_devices import PERIOD, WIRING, World, planar
 
 from omnimj.errors import LinkLost, NoAnswer
@@ -18,7 +19,6 @@ from omnimj.link.codec.messages import FaultCode, Frame, Hello, Ping, Status, St
 from omnimj.link.device.emulated import EmulatedDevice
 from omnimj.link.device.server import DeviceServer
 from omnimj.link.host.plant import HardwarePlant
-from omnimj.link.transport.simulated import WireFaults
 from omnimj.signals import CurrentCommand
 
 MOVE = CurrentCommand(np.full(4, 0.3))

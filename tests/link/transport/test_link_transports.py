@@ -11,16 +11,15 @@ import time
 import pytest
 from cobs import cobs
 from sample_frames import GOLDEN
+from simulated_wire import SimulatedWire, WireFaults
 
 from omnimj.errors import InputError
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import DropReason
 from omnimj.link.transport import serial_port
 from omnimj.link.transport.address import SerialAddress, UdpAddress, is_loopback, parse_address
-from omnimj.link.transport.interface import SinglePeerListener, waiting_time
-from omnimj.link.transport.passive import PassiveTransport
+from omnimj.link.transport.interface import PassiveTransport, SinglePeerListener, waiting_time
 from omnimj.link.transport.serial_port import SerialTransport
-from omnimj.link.transport.simulated import SimulatedWire, WireFaults
 from omnimj.link.transport.udp import UdpListener, UdpTransport
 
 PACKET = encode(GOLDEN["telemetry of the robot"])

@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.gap.check.columns import fill_masked
+from omnimj.estimate.gap.check.suspicions import Link
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
+CLEAR = 0.6
+"""Correlation of two channels from which on their link counts."""
 _FARTHEST = 0.08  # [s] largest delay in the search
 _FEWEST = 30  # samples of a stretch
 _TOGETHER = 0.15  # [s] longest time between the step and the first motion
@@ -52,6 +55,13 @@ class Comparison:
     """Standard error of the drift from the scatter between stretches."""
     scales: Array
     """s of every stretch, shape (stretches,)."""
+
+
+def clear_link(found: Comparison | None, x: str, y: str, allowed: float) -> list[Link]:
+    """Link of two compared channels, with the |log| of a healthy scale; none where they hardly correlate."""
+    if found is None or abs(found.correlation) < CLEAR:
+        return []
+    return [Link(x, y, found.scale, allowed, abs(found.correlation))]
 
 
 def integral(time: Array, rate: Array) -> Array:

@@ -9,13 +9,13 @@ import numpy as np
 
 from omnimj.estimate.gap.check.axis import velocity_comparison
 from omnimj.estimate.gap.check.columns import column_suspicions
-from omnimj.estimate.gap.check.suspicions import GROSS, Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.compare import CLEAR, clear_link
+from omnimj.estimate.gap.check.suspicions import GROSS, Suspicion, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
-_CLEAR = 0.6  # correlation of velocity and position from which their link is clear
 _TIGHT = np.log(1.04)
 _DELAY = 0.004  # [s] largest healthy delay between velocity and position
 _EXPLAINS = 0.3  # share of an input's variance that only the motion of the links explains
@@ -58,10 +58,10 @@ def _renamed(runs: Sequence[Run], joint: str) -> list[Run]:
 
 def _velocity_suspicions(runs: Sequence[Run], joint: str) -> Iterator[Suspicion]:
     pair = velocity_comparison(_renamed(runs, joint))
-    if pair is None or abs(pair.correlation) <= _CLEAR:
+    if pair is None or abs(pair.correlation) <= CLEAR:
         return
     velocity, position = f"velocity:{joint}", f"position:{joint}"
-    links = [Link(velocity, position, pair.scale, _TIGHT, abs(pair.correlation))]
+    links = clear_link(pair, velocity, position, _TIGHT)
     yield from wrong_signs(links)
     yield from wrong_scales(links)
     error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
@@ -106,6 +106,6 @@ def machine_time_links(runs: Sequence[Run], machine: Machine) -> list[TimeLink]:
     found = []
     for joint in machine.joints:
         pair = velocity_comparison(_renamed(runs, joint))
-        if pair is not None and abs(pair.correlation) > _CLEAR and pair.scale != 0.0:
+        if pair is not None and abs(pair.correlation) > CLEAR and pair.scale != 0.0:
             found.append(TimeLink((f"velocity:{joint}", f"position:{joint}"), abs(pair.scale)))
     return found

@@ -12,9 +12,11 @@ import numpy as np
 
 from omnimj.estimate.gap.check.columns import SLOPE, current_bias, fill_masked, unwrap_counter
 from omnimj.estimate.gap.check.compare import (
+    CLEAR,
     Comparison,
     Onsets,
     Stretch,
+    clear_link,
     compare,
     integral,
     onsets,
@@ -27,7 +29,6 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 _WINDOW = 4.0  # [s] longest stretch of one comparison
-_CLEAR = 0.6  # correlation from which on a link counts
 _TIGHT = np.log(1.06)  # permitted |log| of a scale between two encoders, or encoder and accelerometer
 _SLIPPING = np.log(2.0)  # permitted |log| of the scale between wheel and rail, because of slip
 _FORCE = np.log(3.0)  # permitted |log| of declared over fitted mass: friction and slip take their part
@@ -81,7 +82,7 @@ def rig_time_links(runs: Sequence[Run], rig: Rig) -> list[TimeLink]:
     found = []
     for x, y in _PAIRS[1:4]:
         pair = _compared(runs, x, y, rig)
-        if pair is not None and abs(pair.correlation) > _CLEAR:
+        if pair is not None and abs(pair.correlation) > CLEAR:
             found.append(TimeLink((x, y), abs(pair.scale)))
     return found
 
@@ -107,10 +108,8 @@ def _compared(runs: Sequence[Run], x: str, y: str, rig: Rig) -> Comparison | Non
 
 
 def _link(found: Comparison | None, x: str, y: str) -> list[Link]:
-    if found is None or abs(found.correlation) < _CLEAR:
-        return []
     slips = ("wheel_speed" in (x, y)) and y != "wheel_angle"
-    return [Link(x, y, found.scale, _SLIPPING if slips else _TIGHT, abs(found.correlation))]
+    return clear_link(found, x, y, _SLIPPING if slips else _TIGHT)
 
 
 def _force_link(runs: Sequence[Run], rig: Rig) -> list[Link]:
@@ -136,7 +135,7 @@ def _force_link(runs: Sequence[Run], rig: Rig) -> list[Link]:
     fitted = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-10)[0] / size
     explained = float(fitted @ slope) / max(total, 1e-300)
     weight = float(fitted[0] ** 2 * gram[0, 0]) / max(total, 1e-300)
-    if explained < _CLEAR or weight < _DRIVEN or fitted[0] == 0.0:
+    if explained < CLEAR or weight < _DRIVEN or fitted[0] == 0.0:
         return []
     certainty = float(np.sqrt(min(explained, 1.0)))
     return [Link("carriage_acceleration", "current", float(fitted[0]), _FORCE, certainty)]
@@ -180,7 +179,7 @@ def _delays(found: dict[tuple[str, str], Comparison | None], first: Onsets) -> I
 
 def _healthy_off(pair: Comparison, low: float, high: float) -> float:
     """Distance of a delay from its healthy band [s]; 0 where the delay is too uncertain."""
-    if abs(pair.correlation) < _CLEAR:
+    if abs(pair.correlation) < CLEAR:
         return 0.0
     off = pair.delay - min(max(pair.delay, low), high)
     sure = np.isfinite(pair.delay_error) or abs(pair.correlation) > 0.99
@@ -194,7 +193,7 @@ def _late(channel: str, delay: float, against: str, rivals: tuple[str, ...] = ()
 
 def _acceleration_bias(pair: Comparison | None) -> Iterator[Suspicion]:
     """Yield the accelerometer's bias, which is minus the drift of v − s ∫a dt."""
-    if pair is None or abs(pair.correlation) < _CLEAR:
+    if pair is None or abs(pair.correlation) < CLEAR:
         return
     count = len(pair.scales)
     error = max(_RUN_BIAS / np.sqrt(count), pair.drift_error if np.isfinite(pair.drift_error) else 0.0)

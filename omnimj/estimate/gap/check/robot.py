@@ -14,7 +14,15 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from omnimj.estimate.gap.check.columns import acceleration_bias, current_bias, fill_masked
-from omnimj.estimate.gap.check.compare import Comparison, Stretch, compare, integral, split_stretch
+from omnimj.estimate.gap.check.compare import (
+    CLEAR,
+    Comparison,
+    Stretch,
+    clear_link,
+    compare,
+    integral,
+    split_stretch,
+)
 from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.parameters import Robot
@@ -25,7 +33,6 @@ from omnimj.signals import Array
 _BLOCK = 0.01  # [s] that one row covers
 _ADDED = 0.1  # share of a wheel's motion that the accelerometer must explain beyond the gyro
 _WINDOW = 4.0  # [s]
-_CLEAR = 0.6
 _TRUSTED = 0.8  # correlation of a wheel with integrated acceleration from which on its scale counts
 _TIGHT = np.log(1.05)
 _SLIPPING = np.log(1.5)
@@ -241,7 +248,7 @@ def _late_wheels(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Su
                 for w in split_stretch(len(run.time), _samples(run.time, _WINDOW))
             ]
         pair = compare(stretches)
-        if pair is not None and abs(pair.correlation) > _CLEAR and np.isfinite(pair.delay_error):
+        if pair is not None and abs(pair.correlation) > CLEAR and np.isfinite(pair.delay_error):
             found.append((pair.delay, pair.delay_error, k))
     # the others seem early against the late one, each by less
     delay, error, k = max(found, default=(0.0, 0.0, 0))
@@ -257,7 +264,7 @@ def robot_time_links(runs: Sequence[Run], robot: Robot) -> list[TimeLink]:
     count = len(robot.wheels)
     found = []
     by_heading, _ = _compared_turning(runs, rolling, count)
-    if by_heading is not None and abs(by_heading.correlation) > _CLEAR:
+    if by_heading is not None and abs(by_heading.correlation) > CLEAR:
         found.append(TimeLink(("yaw_rate", "yaw"), abs(by_heading.scale)))
     parts = body_windows(runs, count, 1.0, _WINDOW)
     clear = [
@@ -306,14 +313,14 @@ def _turning(runs: Sequence[Run], rolling: Array, count: int, beyond: Sequence[s
     """Yield contradictions between heading, gyro and the yaw rate of the wheels."""
     by_heading, by_wheels = _compared_turning(runs, rolling, count)
     links = [
-        *_link(by_heading, "yaw_rate", "yaw", _TIGHT),
-        *_link(by_wheels, "yaw_rate", "wheel_speed", _SLIPPING),
+        *clear_link(by_heading, "yaw_rate", "yaw", _TIGHT),
+        *clear_link(by_wheels, "yaw_rate", "wheel_speed", _SLIPPING),
     ]
     if any(name.startswith("wheel_speed") for name in beyond):
         beyond = (*beyond, "wheel_speed")
     found = [*wrong_signs(links), *wrong_scales(links, beyond=beyond)]
     yield from found
-    if by_heading is None or abs(by_heading.correlation) < _CLEAR:
+    if by_heading is None or abs(by_heading.correlation) < CLEAR:
         return
     late = by_heading.delay
     if abs(late) > max(_DELAY, 3.0 * by_heading.delay_error):
@@ -338,12 +345,6 @@ def _joined(angle: Array) -> Array:
 
 def _samples(time: Array, span: float) -> int:
     return max(60, int(span / max(float(np.median(np.diff(time))), 1e-6)))
-
-
-def _link(found: Comparison | None, x: str, y: str, allowed: float) -> list[Link]:
-    if found is None or abs(found.correlation) < _CLEAR:
-        return []
-    return [Link(x, y, found.scale, allowed, abs(found.correlation))]
 
 
 def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator[Suspicion]:
