@@ -74,7 +74,7 @@ def _serve(arguments: Any) -> int:
     with open_server(arguments.port) as server, tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
         folder = Path(work) / "site"
         _publish(arguments, folder, force=False)
-        print(f"http://127.0.0.1:{server.port}/index.html (Ctrl-C ends it)", flush=True)
+        print(f"http://127.0.0.1:{server.server_port}/index.html (Ctrl-C ends it)", flush=True)
         server.serve(folder)
     return 0
 

@@ -71,19 +71,19 @@ def test_a_full_disk_leaves_nothing_behind(quick, tmp_path):
 def test_the_server_listens_on_this_machine_alone_and_serves_the_folder(tmp_path):
     (tmp_path / "index.html").write_text("<p>here</p>")
     with open_server(0) as server:
-        assert server.address == "127.0.0.1"
+        assert server.server_address[0] == "127.0.0.1"
         thread = threading.Thread(target=server.serve, args=(tmp_path,))
         thread.start()
         try:
             found = {}
             for path in ("/index.html", "/../secret", "/nothing"):
-                connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+                connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
                 connection.request("GET", path)
                 response = connection.getresponse()
                 found[path] = (response.status, response.read())
                 connection.close()
         finally:
-            server.stop()
+            server.shutdown()
             thread.join()
     assert found["/index.html"] == (200, b"<p>here</p>")
     assert found["/../secret"][0] == found["/nothing"][0] == 404
@@ -91,6 +91,6 @@ def test_the_server_listens_on_this_machine_alone_and_serves_the_folder(tmp_path
 
 def test_a_port_that_is_taken_is_said_in_one_line():
     with open_server(0) as server:
-        taken = rf"^--port {server.port}: cannot be used, "
-        with pytest.raises(InputError, match=taken), open_server(server.port):
+        taken = rf"^--port {server.server_port}: cannot be used, "
+        with pytest.raises(InputError, match=taken), open_server(server.server_port):
             pass

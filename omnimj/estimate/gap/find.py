@@ -103,6 +103,8 @@ def analyse_replay(
     after = found.final if is_named else None
     mismatch_before = _mismatch(found.first, found.base)
     mismatch_after = None if after is None else _mismatch(found.problem, after)
+    was = _in_noise(found, mismatch_before)
+    rest = None if mismatch_after is None else _in_noise(found, mismatch_after)
     noise = found.problem.noise
     regimes = replay.regimes()
     names = [c.name for c in replay.channels]
@@ -115,7 +117,7 @@ def analyse_replay(
         where=locate(replay.channels, replay.segments, regimes, mismatch_before, mismatch_after, noise),
         train=_gaps(found, mismatch_before, mismatch_after, found.used),
         heldout=_gaps(found, mismatch_before, mismatch_after, ~found.used),
-        shrink=_shrink(found, mismatch_before, mismatch_after),
+        shrink=1.0 - rest / was if rest is not None and was > 0.0 else None,
         next_experiment=_next(found, verdict),
         channels={c.name: (c.unit, c.words) for c in replay.channels},
         noise=dict(zip(names, noise.tolist(), strict=True)),
@@ -141,10 +143,7 @@ def analyse_replay(
         traction=_traction(replay, found, after),
         ended=found.ended,
         model=about.model,
-        heldout_total=(
-            _in_noise(found, mismatch_before),
-            None if mismatch_after is None else _in_noise(found, mismatch_after),
-        ),
+        heldout_total=(was, rest),
     )
 
 
@@ -223,14 +222,6 @@ def _gaps(
         channel.name: ChannelGap(b, a, float(f) if np.isfinite(f) else None)
         for channel, b, a, f in zip(replay.channels, first, second, floor, strict=True)
     }
-
-
-def _shrink(found: SearchResult, before: Array, after: Array | None) -> float | None:
-    """1 − after/before on held-out runs, RMS over all channels in units of their noise."""
-    if after is None:
-        return None
-    rest, was = _in_noise(found, after), _in_noise(found, before)
-    return 1.0 - rest / was if was > 0.0 else None
 
 
 def _in_noise(found: SearchResult, mismatch: Array) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,25 +54,19 @@ _WHY = {
 }
 
 
-@dataclass(frozen=True)
-class KnownUncertainty:
-    """Standard deviations of the constants that the fit takes as known; 0 for exact ones."""
+def known_uncertainty(rig: Rig) -> dict[str, float]:
+    """Standard deviations of the constants that the fit takes as known, as arguments of `with_known`.
 
-    rail_friction: float
-    """Rail friction [N]."""
-    mass: float
-    """Mass, and with it the normal force [kg]."""
-    timing: float = TIMING
-
-
-def known_uncertainty(rig: Rig) -> KnownUncertainty:
-    """Standard deviations from the uncertainties of a model: a box of half-width a gives a/√3."""
+    Rail friction [N], mass and with it the normal force [kg], and timing [s]. A box of half-width a, the
+    uncertainty of the model, gives a/√3; 0 for exact ones.
+    """
 
     def stated(name: str) -> float:
         origin = rig.provenance.get(name)
         return 0.0 if origin is None else origin.uncertainty / math.sqrt(3.0)
 
-    return KnownUncertainty(stated("rig.rail_friction"), stated("rig.masses"))
+    friction, mass = stated("rig.rail_friction"), stated("rig.masses")
+    return {"rail_friction_added": friction, "mass_added": mass, "wheel_late": TIMING}
 
 
 @dataclass(frozen=True)
@@ -103,7 +97,7 @@ class FitCovariance:
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 
-def fit_covariance(fit: FloorFit, known: KnownUncertainty) -> FitCovariance:
+def fit_covariance(fit: FloorFit, known: Mapping[str, float]) -> FitCovariance:
     """Covariance from the jackknife over conditions plus the uncertainty of known constants."""
     jacobians = fit.problem.jacobians(fit.shared, fit.own)
     scores, normals = _per_cluster(fit, jacobians)
@@ -149,16 +143,12 @@ def _per_cluster(fit: FloorFit, jacobians: Sequence[RunJacobian]) -> tuple[list[
 
 
 def _shifts_by_known(
-    fit: FloorFit, jacobians: Sequence[RunJacobian], naive: Array, known: KnownUncertainty
+    fit: FloorFit, jacobians: Sequence[RunJacobian], naive: Array, known: Mapping[str, float]
 ) -> Array:
     """Shift of the unknowns by one standard deviation of each known constant, one row for each."""
     shifts = []
-    for change in (
-        {"rail_friction_added": known.rail_friction},
-        {"mass_added": known.mass},
-        {"wheel_late": known.timing},
-    ):
-        runs = tuple(run.with_known(**change) for run in fit.problem.runs)
+    for name, size in known.items():
+        runs = tuple(run.with_known(**{name: size}) for run in fit.problem.runs)
         other: FloorProblem = replace(fit.problem, runs=runs)
         moved = other.residuals(fit.shared, fit.own)
         pull = [

@@ -11,6 +11,7 @@ from omnimj.effects import FLOOR_SCALES, AppliedEffects, scale_floor, with_effec
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, Setting
 from omnimj.parameters import Floor, Rig, Robot
+from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.planar import PlanarConstants, planar_constants
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
@@ -150,6 +151,21 @@ def standing_constants(changed: AppliedEffects, mass: float) -> PlanarConstants:
             if share == _SHARES[-1]:
                 raise
     raise AssertionError  # the last share returns or raises
+
+
+FreeCurve = tuple[str, Array, tuple[float, float]]
+"""Free force over one variable: its name, the force at the knots, shape (KNOTS,) [N], first and last knot."""
+_LAST_CURVE = 1  # the model file's own tabulated force has the first place
+
+
+def with_free_curve(terms: Array, curve: FreeCurve | None) -> Array:
+    """Packed effect terms, shape (n, TERMS), with a free force; a copy."""
+    changed = terms.copy()
+    if curve is not None:
+        over, force, ends = curve
+        write_curve(changed, _LAST_CURVE, over, force.tolist(), *ends)
+        mark_active(changed)
+    return changed
 
 
 def floor_name(dataset: Dataset, run: Run, floors: Mapping[str, Floor]) -> str:

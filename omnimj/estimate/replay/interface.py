@@ -208,21 +208,12 @@ def candidate_effects(
 def _candidate(
     effect: Effect, label: str, selectors: dict[str, str | int], spans: Mapping[str, tuple[float, float]]
 ) -> CandidateEffect:
-    shapes = tuple(_parameter(p, spans) for p in effect.parameters)
-    return CandidateEffect(
-        label,
-        effect.name,
-        effect.words,
-        shapes,
-        selectors,
-        effect.where == "sensors",
-        effect.turns_with_wheel,
-        effect.has_threshold,
+    parameters = tuple(
+        CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value, _trials(p, spans))
+        for p in effect.parameters
     )
-
-
-def _parameter(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> CandidateParameter:
-    return CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value, _trials(p, spans))
+    facts = effect.where == "sensors", effect.turns_with_wheel, effect.has_threshold
+    return CandidateEffect(label, effect.name, effect.words, parameters, selectors, *facts)
 
 
 def _trials(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> tuple[float, ...]:

@@ -240,6 +240,11 @@ class Fit:
     loss: float
     """Loss over the blocks that the model was fitted to, prior included."""
 
+    @property
+    def labels(self) -> frozenset[str]:
+        """Labels of the effects."""
+        return frozenset(candidate.label for candidate in self.effects)
+
 
 def fit(
     problem: Problem,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.check.acceptance import check_dataset, correct_dataset
 from omnimj.estimate.gap.files import digest
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.plants import find_plant, read_machine

@@ -21,13 +21,13 @@ from nightly import representative
 from omnimj.effects import effects_of
 from omnimj.errors import DataFaultError, InputError
 from omnimj.estimate.gap.check.acceptance import (
+    check_dataset,
     fault_records,
     holding_back,
     longest_delay,
     sound_dataset,
     sound_logs,
 )
-from omnimj.estimate.gap.check.dataset import check_dataset
 from omnimj.estimate.gap.check.suspicions import GROSS
 from omnimj.parameters import read_robot
 from omnimj.recording.dataset import Dataset

@@ -22,9 +22,9 @@ from mentions import mentions
 from nightly import representative
 
 from omnimj.errors import UnknownNameError
+from omnimj.estimate.gap.check.acceptance import check_dataset, correct_dataset
 from omnimj.estimate.gap.check.columns import unwrap_counter
 from omnimj.estimate.gap.check.compare import Stretch, compare
-from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.check.suspicions import Link, wrong_scales, wrong_signs
 
 HEALTHY = {

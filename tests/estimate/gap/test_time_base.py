@@ -15,7 +15,7 @@ from healthy_recordings import (
 from mentions import mentions
 from nightly import checkerboard, latin
 
-from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.check.acceptance import check_dataset, correct_dataset
 from omnimj.estimate.gap.check.time_base import TimeLink, time_base_suspicions
 from omnimj.recording.dataset import Run
 

@@ -271,7 +271,7 @@ def test_a_candidate_run_is_predicted_by_its_own_model_and_missed_by_its_rival(r
 
 def test_rows_of_rollers_change_sides_every_half_pitch_and_do_no_work():
     found = roller_tables(ROBOT)
-    place, torque = found.table[:2]
+    place, torque = found[:2]
     half = POINTS // 2
     assert place[0] == pytest.approx(ROBOT.wheel.row_offset)
     assert place[half:] == pytest.approx(-place[:half], abs=1e-12)

@@ -1,7 +1,6 @@
 """Plausibility of recorded channels, judged before any model of friction is fitted.
 
-- `acceptance`: what holds a dataset back, and how it is accepted
-- `dataset`: the check of a whole dataset, and the correction of gross errors
+- `acceptance`: the check of a whole dataset, what holds it back, and the correction of gross errors
 - `suspicions`: the records of a check, and the channels to blame when related channels disagree
 - `columns`: defects visible in a single column, and sensor biases at rest
 - `compare`: scale, delay and drift between two related channels, and the order of first motions

@@ -41,15 +41,15 @@ def eliminate(problem: Problem, base: Fit, split: TrainingSplit, most: int) -> F
     problem = replace(problem, huber_scale=_SQUARES)
     model = _full_model(problem, base, split)
     model, losses = _reduced(problem, model, group_losses(problem, model, split), split, most)
-    seen = {_labels(model)}
+    seen = {model.labels}
     while len(model.effects) < most:
         larger = _with_best_addition(problem, model, losses, split)
         if larger is None:
             break
         model, losses = _reduced(problem, *larger, split, most)
-        if _labels(model) in seen:
+        if model.labels in seen:
             break
-        seen.add(_labels(model))
+        seen.add(model.labels)
     return model
 
 
@@ -80,8 +80,7 @@ def _with_best_addition(
 
     An effect may have been dropped because others stood in for it that were dropped in their turn.
     """
-    present = set(_labels(model))
-    dropped = [c for c in problem.replay.candidates if c.label not in present]
+    dropped = [c for c in problem.replay.candidates if c.label not in model.labels]
     fits = [
         fit(problem, (*model.effects, c), np.concatenate([model.x, _trial_point(c)]), split.used, _REFIT)
         for c in dropped
@@ -90,10 +89,6 @@ def _with_best_addition(
     tried = [(fitted, group_losses(problem, fitted, split)) for fitted in fits]
     tried = [(fitted, left) for fitted, left in tried if exceeds_margin(heldout_gain(losses, left))]
     return min(tried, key=lambda one: float(one[1].sum()), default=None)
-
-
-def _labels(model: Fit) -> frozenset[str]:
-    return frozenset(candidate.label for candidate in model.effects)
 
 
 def _full_model(problem: Problem, base: Fit, split: TrainingSplit) -> Fit:

@@ -239,7 +239,7 @@ class _Growing:
 
     def _grow(self, found: SelectionRound) -> str:
         """Try additions until one changes the model; the reason for which none did, empty otherwise."""
-        before, failed = _label_set(self.state.final), []
+        before, failed = self.state.final.labels, []
         is_sure = any(exceeds_margin(t.gain) for t in found.tried)
         for gain, addition in self._additions(found):
             added = " and ".join(c.label for c in addition.effects[len(self.state.final.effects) :])
@@ -248,7 +248,7 @@ class _Growing:
                 return f"{added} and weaker candidates were not tried, after {_MOST_TRIES} that did not hold"
             kept, is_sure = self.state, is_sure or exceeds_margin(gain)
             self._judge(addition)
-            if _label_set(self.state.final) != before:
+            if self.state.final.labels != before:
                 text = f"{added} gained {100.0 * gain.value:.3g} % and joined the model"
                 self.outcomes.append(f"{_list_tries(failed)} did not hold, {text}" if failed else text)
                 return ""
@@ -274,7 +274,7 @@ class _Growing:
 
     def given_up(self) -> tuple[GivenUp, ...]:
         """Effects that were in a model and are in none of the result's sets, the largest gain first."""
-        kept = {label for n in self.state.named for label in (n.candidate.label, *_labels(n))}
+        kept = {one.candidate.label for n in self.state.named for one in (n, *n.rivals)}
         left = [g for label, g in self._given_up.items() if label not in kept]
         return tuple(sorted(left, key=lambda g: -g.gain.value))
 
@@ -313,8 +313,8 @@ class _Growing:
     def _unseen(self, options: Sequence[tuple[Interval, Fit]]) -> Iterator[tuple[Interval, Fit]]:
         """Options whose effects were not in one model before; they count as seen from now on."""
         for gain, fitted in options:
-            if _label_set(fitted) not in self._seen:
-                self._seen.add(_label_set(fitted))
+            if fitted.labels not in self._seen:
+                self._seen.add(fitted.labels)
                 yield gain, fitted
 
     def _judge(self, addition: Fit) -> None:
@@ -328,7 +328,7 @@ class _Growing:
             problem, final = refit(problem, judged.final, used)
             judged = replace(judged, problem=problem, final=final)
         self._given_up |= {one.label: one for one in judged.given_up}
-        self._seen.add(_label_set(judged.final))
+        self._seen.add(judged.final.labels)
         self.state = judged
 
     def _provisional(self, problem: Problem, model: Fit) -> Judgement:
@@ -342,11 +342,3 @@ class _Growing:
 def _list_tries(tried: Sequence[str]) -> str:
     """List additions in the order in which they were tried: `a, then b and c`."""
     return ", then ".join(tried)
-
-
-def _labels(one: SelectedEffect) -> tuple[str, ...]:
-    return tuple(rival.candidate.label for rival in one.rivals)
-
-
-def _label_set(fitted: Fit) -> frozenset[str]:
-    return frozenset(candidate.label for candidate in fitted.effects)

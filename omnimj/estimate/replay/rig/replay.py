@@ -14,6 +14,7 @@ from omnimj.estimate.replay.base_parameters import (
     AdjustedMachine,
     adjusted_machine,
     base_parameters,
+    with_free_curve,
 )
 from omnimj.estimate.replay.interface import (
     MOST_EFFECTS,
@@ -36,7 +37,6 @@ from omnimj.estimate.replay.rig.runs import (
 from omnimj.estimate.rig_runs import CHANNELS, drive_by_currents
 from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters import Floor, Rig
-from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.rig import rig_parameters
 from omnimj.physics.wheel import packed
@@ -48,7 +48,6 @@ _LEAST_SCALE = 1e-3
 _SIMULATED = CHANNELS[: native.OUTPUTS]
 _STEPS = 2  # per sample: 0.5 ms
 _UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
-_LAST_CURVE = 1  # the model file's own tabulated force has the first place
 
 
 def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Mapping[str, float]) -> Array:
@@ -174,11 +173,8 @@ class RigReplay:
         """Block means by the equations, driven by a measured current or by a set value."""
         based = self.based(setting)
         changed = apply_effects(based.machine)
-        terms = changed.terms[0].copy()
-        if setting.curve is not None:
-            over, values = setting.curve
-            write_curve(terms, _LAST_CURVE, over, values.tolist(), *self._spans[over])
-            mark_active(terms[None, :])
+        curve = None if setting.curve is None else (*setting.curve, self._spans[setting.curve[0]])
+        terms = with_free_curve(changed.terms[:1], curve)[0]
         current = true_current(runs, changed.channels, based.lags) if measured else runs.current
         (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
         motor = np.array(driven_by_measured_current(motor) if measured else motor)

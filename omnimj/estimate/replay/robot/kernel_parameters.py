@@ -4,38 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from omnimj.effects import AppliedEffects, apply_effects
 from omnimj.effects import ChannelEffect as Reading
-from omnimj.estimate.replay.base_parameters import AdjustedMachine, standing_constants
+from omnimj.estimate.replay.base_parameters import (
+    AdjustedMachine,
+    FreeCurve,
+    standing_constants,
+    with_free_curve,
+)
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.runs import NAMES, STEP, RobotRuns
 from omnimj.parameters import Robot
-from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.signals import Array
 
-_LAST_CURVE = 1  # the model file's own tabulated force has the first place
 _LEAST_SCALE = 1e-3
 _GRAVITY = 9.81
 POINTS = 96
 """Points of the roller tables over one pitch."""
-
-
-@dataclass(frozen=True)
-class FreeCurve:
-    """Free force over one variable."""
-
-    over: str
-    """Name of the variable."""
-    force: Array
-    """Force at the knots, shape (KNOTS,) [N]."""
-    low: float
-    """Value of the variable at the first knot; `high` is that at the last."""
-    high: float
 
 
 def kernel_parameters(
@@ -50,10 +39,7 @@ def kernel_parameters(
       curve: Free force at every wheel.
     """
     changed = apply_effects(based.machine)
-    terms = changed.terms.copy()
-    if curve is not None:
-        write_curve(terms, _LAST_CURVE, curve.over, curve.force.tolist(), curve.low, curve.high)
-        mark_active(terms)
+    terms = with_free_curve(changed.terms, curve)
     motors = changed.motors([motor_parameters(changed.machine.motor)] * native.WHEELS)
     through = [m.torque_constant * m.torque_scale * m.gear_ratio * m.gear_efficiency for m in motors]
     bodies, wheels = _constants(runs, changed, mass_scale)
@@ -93,19 +79,15 @@ def _sensors(changed: AppliedEffects, lags: Mapping[str, float]) -> Array:
     return np.stack([late / STEP, scale, offset])
 
 
-@dataclass(frozen=True)
-class RollerTables:
-    """Roller tables over one pitch of a row, starting with a roller of the first row at the lowest point."""
+def roller_tables(robot: Robot) -> Array:
+    """Roller tables of a robot's wheels under their static load over one pitch, shape (3, POINTS).
 
-    pitch: float
-    """Angle between two rollers of a row [rad]."""
-    table: Array
-    """Place of the contact along the axle z × u [m], torque on the wheel over normal force [m] and the pitch,
-    shape (3, POINTS)."""
+    They start with a roller of the first row at the lowest point.
 
-
-def roller_tables(robot: Robot) -> RollerTables:
-    """Roller tables of a robot's wheels under their static load."""
+    Returns:
+      Place of the contact along the axle z × u [m], torque on the wheel over normal force [m], and the pitch,
+      the angle between two rollers of a row [rad].
+    """
     wheel = robot.wheel
     pitch = 2.0 * np.pi / wheel.rollers_per_row
     angle = np.arange(POINTS) / POINTS * pitch
@@ -124,7 +106,7 @@ def roller_tables(robot: Robot) -> RollerTables:
     place = (share * side[:, None]).sum(axis=0)
     # virtual work: F_N lifts the axle by d(reach) per turn, so the wheel is pushed the other way
     torque = -(share * slope).sum(axis=0)
-    return RollerTables(pitch, np.stack([place, torque, np.full(POINTS, pitch)]))
+    return np.stack([place, torque, np.full(POINTS, pitch)])
 
 
 def lean_shares(robot: Robot) -> tuple[float, float]:

@@ -90,7 +90,7 @@ class Rollers(NamedTuple):
     """Rows of rollers under the wheels."""
 
     table: Array
-    """`RollerTables.table`, shape (3, points); (3, 0) for wheels without rollers."""
+    """`roller_tables`, shape (3, points); (3, 0) for wheels without rollers."""
     phases: Array
     """Angle of each wheel at the start of each stretch, shape (stretches, 4) [rad]."""
 

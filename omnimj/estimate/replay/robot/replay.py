@@ -31,7 +31,6 @@ from omnimj.estimate.replay.interface import (
 )
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.kernel_parameters import (
-    FreeCurve,
     kernel_parameters,
     lean_shares,
     roller_tables,
@@ -178,7 +177,7 @@ class RobotReplay:
         based, curve = self.based(setting), None
         if setting.curve is not None:
             over, force = setting.curve
-            curve = FreeCurve(over, force, *self._spans.get(over, (0.0, 1.0)))
+            curve = over, force, self._spans.get(over, (0.0, 1.0))
         mass_scale = based.machine.body.mass / self._robot.body.mass
         return kernel_parameters(based, runs, mass_scale, curve), based
 
@@ -206,7 +205,7 @@ class RobotReplay:
         """
         if not self._phases.size:
             self._phases = self._find_phases(setting)
-        found = self._replay(setting, self._runs, self._rollers.table, self._phases)
+        found = self._replay(setting, self._runs, self._rollers, self._phases)
         for c, lean in zip(
             (native.ACCELERATION, native.ACCELERATION + 1), lean_shares(self._robot), strict=True
         ):
@@ -216,12 +215,12 @@ class RobotReplay:
     def _find_phases(self, setting: Setting) -> Array:
         """Phase of the rollers of every wheel at the start of every stretch, shape (stretches, 4) [rad]."""
         shape = (len(self._runs.log.stretches), native.WHEELS)
-        step = self._rollers.pitch / _PHASES
+        step = self._rollers[2, 0] / _PHASES
         wheels = [_COMPARED.index(native.CURRENT + i) for i in range(native.WHEELS)]
 
         def misfit(turn: int) -> Array:
             phases = np.full(shape, turn * step)
-            off = self._replay(setting, self._runs, self._rollers.table, phases) - self.measured
+            off = self._replay(setting, self._runs, self._rollers, phases) - self.measured
             return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.segments])
 
         sums = np.stack(map_in_threads(misfit, range(_PHASES), self._threads))

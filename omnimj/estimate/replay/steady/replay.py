@@ -119,6 +119,11 @@ class SteadyReplay:
         own = replace(setting, base=setting.base[:constants])
         return adjusted_machine(self._robot, self._floors, self.base[:constants], self._by_label, own)
 
+    def _marker(self, setting: Setting, floor: str) -> float:
+        """Angle of the marker in the runs on a floor [rad]; 0 where all runs are of one session."""
+        first = len(self.base) - len(self._sessions)
+        return float(setting.base[first + self._sessions.index(floor)]) if self._sessions else 0.0
+
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
         return map_in_threads(lambda s: self._replay(s, self._runs, self._guess), settings)
@@ -138,9 +143,7 @@ class SteadyReplay:
             found = rows[own]
             steady_rows(model, runs.wheel_speed[own], extra, found)
             rows[own] = found
-            if self._sessions:
-                angle = setting.base[len(self.base) - len(self._sessions) + self._sessions.index(name)]
-                rows[own, :2] = _turned_back(found[:, :2], angle)
+            rows[own, :2] = _turned_back(found[:, :2], self._marker(setting, name))
         return _readings(rows, changed.channels)
 
     def true_rows(self, setting: Setting) -> Array:
@@ -150,10 +153,7 @@ class SteadyReplay:
         angle, scale = channels.get("heading", none).offset, channels.get("x", none).scale
         for name in dict.fromkeys(self._runs.floor):
             own = _blocks_on(self._runs, name)
-            marker = 0.0
-            if self._sessions:
-                marker = setting.base[len(self.base) - len(self._sessions) + self._sessions.index(name)]
-            rows[own, :2] = _turned_back(rows[own, :2], -angle - marker) / scale
+            rows[own, :2] = _turned_back(rows[own, :2], -angle - self._marker(setting, name)) / scale
         for i in range(rows.shape[1] - 3):
             reading = channels.get(f"current_{i + 1}", none)
             rows[:, 3 + i] = (rows[:, 3 + i] - reading.offset) / reading.scale
