@@ -18,10 +18,6 @@ def measure_environments(decisions: int, rounds: int) -> dict[str, float]:
 
     One thread and two take turns, and the shortest time of each counts: a busy machine seldom has two idle
     cores.
-
-    Args:
-      decisions: Decisions of each robot per round.
-      rounds: Number of rounds.
     """
     if importlib.util.find_spec("gymnasium") is None:
         return {}

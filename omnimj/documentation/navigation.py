@@ -98,11 +98,7 @@ OTHERS = "How-to"
 
 
 def navigation(pages: Iterable[str]) -> list[dict[str, object]]:
-    """The navigation of MkDocs: the home page, then the sections that have pages.
-
-    Args:
-      pages: All pages, relative to the folder of the documentation.
-    """
+    """The navigation of MkDocs: the home page, then the sections that have pages."""
     known = set(pages) - {HOME}
     filled = {section.title: _filled(section, known) for section in SECTIONS}
     placed = {page for section in SECTIONS for page in (*section.pages(), *_others(section, known))}

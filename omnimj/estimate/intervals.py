@@ -190,3 +190,22 @@ def effective_samples(replay: Replay, whitened: Array) -> float:
             time += 2.0 * together / energy
         total += count / time
     return total
+
+
+def at_least(covariance: Array, least: Array) -> Array:
+    """The covariance, shape (p, p), no smaller than another in any direction: few groups agree by chance."""
+    root = np.linalg.cholesky(least)
+    inverse = np.linalg.inv(root)
+    ratios, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
+    turned = root @ vectors
+    return turned * np.maximum(ratios, 1.0) @ turned.T
+
+
+def finite_rms(values: Array) -> float:
+    """Compute √(mean of squares) of the finite values; NaN without any.
+
+    Args:
+      values: Values of any shape.
+    """
+    counted = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(counted**2))) if len(counted) else float("nan")

@@ -45,12 +45,6 @@ class LabelledDataset:
 def write_labels(folder: Path, force: bool, found: LabelledDataset, command: str) -> dict[str, Any]:
     """Write `floor_labels.json` and the labels of each run.
 
-    Args:
-      folder: Folder to write.
-      force: Replace the files of an earlier diagnosis.
-      found: Labelled runs.
-      command: Command line that repeats the work.
-
     Returns:
       Content of `floor_labels.json`.
 

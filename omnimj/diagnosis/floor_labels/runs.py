@@ -126,13 +126,7 @@ class PreparedRun:
 def prepare_runs(
     plan: FloorPlan, dataset: Dataset, progress: Callable[[int, int, str], None] | None = None
 ) -> list[PreparedRun]:
-    """Windows and expected currents of all runs.
-
-    Args:
-      plan: Robot and floors.
-      dataset: The runs.
-      progress: Called with the number of finished runs, that of all, and a name.
-    """
+    """Windows and expected currents of all runs."""
     found = []
     for k, run in enumerate(dataset.runs):
         if progress is not None:
@@ -239,11 +233,7 @@ class ScoreBoard:
 
 
 def score_board(runs: Sequence[LabelledRun]) -> ScoreBoard:
-    """Scores of runs with a line, and the same rules on other truths and on "no change".
-
-    Args:
-      runs: Runs with `distance` and `start`.
-    """
+    """Scores of runs with a line, and the same rules on other truths and on "no change"."""
     truths = [run.truth for run in runs]
     starts = [
         run.start or tuple(true_labels(truth.distance[0])) for run, truth in zip(runs, truths, strict=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.drives.records import DrivenRun, Group, Motion, RunNumbers
-from omnimj.estimate.identification.runs import finite_rms
+from omnimj.estimate.intervals import finite_rms
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
@@ -63,7 +63,7 @@ def mean_velocity(run: DrivenRun, motion: Motion) -> Array:
     keep = (run.time >= run.counted_from) & np.isfinite(run.measured.pose).all(axis=1)
     if keep.sum() < 2:
         return np.full(3, np.nan)
-    time, moved = run.time[keep], _body_steps(motion.pose[keep])
+    time, moved = run.time[keep], body_steps(motion.pose[keep])
     turned = motion.pose[keep][-1, 2] - motion.pose[keep][0, 2]
     return np.array([*moved.sum(axis=0), turned]) / (time[-1] - time[0])
 
@@ -75,7 +75,7 @@ def velocity_course(run: DrivenRun, motion: Motion) -> Array:
     if known.sum() < 2:
         return course
     time, place = run.time[known], np.zeros((int(known.sum()), 2))
-    place[1:] = np.cumsum(_body_steps(motion.pose[known]), axis=0)
+    place[1:] = np.cumsum(body_steps(motion.pose[known]), axis=0)
     early = np.clip(run.time[known] - _HALF_WINDOW, time[0], None)
     late = np.clip(run.time[known] + _HALF_WINDOW, None, time[-1])
     for k, column in enumerate(place.T):
@@ -83,7 +83,7 @@ def velocity_course(run: DrivenRun, motion: Motion) -> Array:
     return course
 
 
-def _body_steps(pose: Array) -> Array:
+def body_steps(pose: Array) -> Array:
     """Displacements from pose to pose in the body frame, shape (k − 1, 2) [m]."""
     middle = 0.5 * (pose[1:, 2] + pose[:-1, 2])
     x, y = np.diff(pose[:, :2], axis=0).T
@@ -118,7 +118,7 @@ def run_numbers(run: DrivenRun, robot: Robot) -> RunNumbers:
 
 def _dead_reckoned(measured: Array, simulated: Array) -> Array:
     """End of a path of the simulated velocities along the measured heading, shape (2,) [m]."""
-    moved = _body_steps(simulated)
+    moved = body_steps(simulated)
     middle = 0.5 * (measured[1:, 2] + measured[:-1, 2])
     cos, sin = np.cos(middle), np.sin(middle)
     x, y = moved.T

@@ -45,11 +45,6 @@ def measured_drive(run: Run, robot: Robot, floor: str) -> Drive:
 
     Masked samples are bridged by straight lines.
 
-    Args:
-      run: Run with a measured pose and wheel speeds.
-      robot: Gives the number of wheels and the control period.
-      floor: Name of its floor.
-
     Raises:
       InputError: A run whose pose or whose wheel speeds are masked throughout.
     """

@@ -13,7 +13,11 @@ HEADLINES = {
     "unexplained": "Unexplained",
     "no_gap": "No gap",
 }
-_VARIABLES = {"reversal": "time since a reversal", "time": "time since start"}
+_VARIABLES = {
+    "reversal": "time since a reversal",
+    "time": "time since start",
+    "carriage_acceleration": "acceleration",
+}
 _MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis", "mjcf": "machine"}
 
 

@@ -33,7 +33,7 @@ from omnimj.estimate.identification.records import (
     RunResidual,
     SteadyCurve,
 )
-from omnimj.estimate.identification.runs import CarriageRun, carriage_run, finite_rms
+from omnimj.estimate.identification.runs import CarriageRun, carriage_run
 from omnimj.estimate.identification.uncertainty import (
     FitCovariance,
     confidence_interval,
@@ -43,6 +43,7 @@ from omnimj.estimate.identification.uncertainty import (
     known_uncertainty,
     loose_directions,
 )
+from omnimj.estimate.intervals import finite_rms
 from omnimj.estimate.rig_runs import RigRun, rig_run
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Dataset
@@ -82,11 +83,6 @@ def identify(dataset: Dataset, rig: Rig, progress: Progress | None = None) -> Id
     """Fit the six LuGre parameters to all runs of each floor together.
 
     Ctrl-C keeps the completed floors.
-
-    Args:
-      dataset: Rig runs; masses and lateral speeds may differ.
-      rig: Constants: wheel, rail friction, sensors. Motor and gear are not used.
-      progress: Called with the completed floors and the number of all floors.
 
     Raises:
       InputError: Not a rig dataset, a model with effects, or a floor on which slip never shows.

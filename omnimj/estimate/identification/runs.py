@@ -175,13 +175,3 @@ def _block_means(values: Array, use: Array, per_block: int) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         means = (values * use).reshape(shape).sum(axis=1) / counted
     return np.where(counted >= 0.5 * per_block, means, np.nan)
-
-
-def finite_rms(values: Array) -> float:
-    """Compute √(mean of squares) of the finite values; NaN without any.
-
-    Args:
-      values: Values of any shape.
-    """
-    counted = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(counted**2))) if len(counted) else math.nan

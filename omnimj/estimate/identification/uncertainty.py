@@ -30,6 +30,7 @@ from omnimj.estimate.identification.floor_fit import (
     solve_without_stribeck,
 )
 from omnimj.estimate.identification.records import CONFIDENCE, PARAMETERS, UNITS, Direction, Estimate
+from omnimj.estimate.intervals import at_least
 from omnimj.parameters import Rig
 from omnimj.signals import Array
 
@@ -105,22 +106,13 @@ def fit_covariance(fit: FloorFit, known: Mapping[str, float]) -> FitCovariance:
     naive = np.linalg.inv(total)
     shifts = np.array([np.linalg.solve(total - n, s) for n, s in zip(normals, scores, strict=True)])
     count = len(shifts)
-    jackknife = _at_least((count - 1) / count * shifts.T @ shifts, naive)
+    jackknife = at_least((count - 1) / count * shifts.T @ shifts, naive)
     shifts_by_known = _shifts_by_known(fit, jacobians, naive, known)
     samples = sum(run.blocks for run in fit.problem.runs)
     worth = np.clip(np.trace(naive @ total) / max(np.trace(jackknife @ total), 1e-12), 0.0, 1.0)
     return FitCovariance(
         jackknife + shifts_by_known.T @ shifts_by_known, naive, count, float(samples * worth)
     )
-
-
-def _at_least(covariance: Array, least: Array) -> Array:
-    """The covariance, made no smaller than another in any direction: few clusters may agree by chance."""
-    root = np.linalg.cholesky(least)
-    inverse = np.linalg.inv(root)
-    ratios, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
-    turned = root @ vectors
-    return turned * np.maximum(ratios, 1.0) @ turned.T
 
 
 def _per_cluster(fit: FloorFit, jacobians: Sequence[RunJacobian]) -> tuple[list[Array], list[Array]]:

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from omnimj.effects import apply_effects
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.estimate.identification.records import Cell, ReplayedRun, Validation
-from omnimj.estimate.identification.runs import finite_rms
+from omnimj.estimate.intervals import finite_rms
 from omnimj.estimate.rig_runs import CARRIAGE, CURRENT, WHEEL, RigRun, drive_by_currents, rig_run
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor

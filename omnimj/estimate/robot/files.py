@@ -137,13 +137,7 @@ def _brush(numbers: Mapping[str, float], covered: float) -> dict[str, float]:
 
 
 def report_text(found: RobotIdentification, command: str, thresholds: Sequence[str] = ()) -> str:
-    """Content of `report.md`.
-
-    Args:
-      found: Identified robot.
-      command: Command line that repeats the identification.
-      thresholds: Sentences on the thresholds.
-    """
+    """Content of `report.md`."""
     lines = [f"# Robot identified from {found.dataset.name}", "", *summary(found), ""]
     for title, names in _groups(found).items():
         lines += [f"## {title}", "", *_table([found[name] for name in names]), ""]

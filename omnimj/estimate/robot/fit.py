@@ -72,12 +72,7 @@ class RobotFit:
 
 
 def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
-    """Estimate the unknowns of a robot.
-
-    Args:
-      unknowns: What is estimated.
-      runs: Rows of healthy runs.
-    """
+    """Estimate the unknowns of a robot."""
     x, noise, memory = np.zeros(len(unknowns.each)), _FIRST_NOISE, np.ones(3)
     sums: tuple[RunSums, ...] = ()
     for round_ in range(_ROUNDS):

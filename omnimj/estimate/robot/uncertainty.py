@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student
 
+from omnimj.estimate.intervals import at_least
 from omnimj.estimate.robot.blocks import RunRows
 from omnimj.estimate.robot.fit import RobotFit, run_sums
 from omnimj.signals import Array
@@ -98,11 +99,6 @@ def doubt_of(fit: RobotFit, others: Sequence[Array]) -> Doubt:
         total += np.outer(moved, moved)
     inverse = np.linalg.inv(hessian)
     between = total * (count - 1) / count + inverse @ np.diag(fit.precision) @ inverse
-    # at least what the residuals' own noise makes, in every direction
-    root = np.linalg.cholesky(inverse)
-    scaled = np.linalg.solve(root, np.linalg.solve(root, between).T)
-    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    wide = root @ vectors
-    covariance = (wide * np.maximum(values, 1.0)) @ wide.T
+    covariance = at_least(between, np.asarray(inverse, float))  # what the residuals' own noise makes
     covariance += np.sum([np.outer(one, one) for one in others], axis=0)
     return Doubt(fit, covariance, float(student.ppf(0.5 * (1.0 + LEVEL), max(count - 1, 2))))

@@ -264,14 +264,7 @@ def _send_noise(rng: random.Random, judge: _AcceptanceChecker, size: int, keyed:
 
 
 def fuzz(frames: int, noise: int, seed: int, progress: Callable[[int], object] | None = None) -> FuzzReport:
-    """Send frames over bad wires, half of them on a keyed link.
-
-    Args:
-      frames: Number of frames.
-      noise: Bytes of noise among them.
-      seed: Seed of all random numbers.
-      progress: Called with the number of frames done.
-    """
+    """Send frames over bad wires, half of them on a keyed link."""
     rng, report = random.Random(seed), FuzzReport()
     keys = (None, Key(rng.randbytes(KEY_SIZE)))
     links = [

@@ -396,13 +396,7 @@ def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def acceleration_bias(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[Suspicion]:
-    """Yield the bias of an accelerometer whose reading at rest is the same, and not zero, in all runs.
-
-    Args:
-      runs: The runs.
-      name: Channel of the accelerometer.
-      speeds: Channels of the speeds, all near zero at rest.
-    """
+    """Yield the bias of an accelerometer whose reading at rest is the same, and not zero, in all runs."""
     means = [
         float(fill_masked(run, name)[still].mean()) for run in runs if (still := rest_mask(run, speeds)).any()
     ]
@@ -417,14 +411,7 @@ def acceleration_bias(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> 
 
 
 def current_bias(runs: Sequence[Run], name: str, target: str, speeds: Sequence[str]) -> Iterator[Suspicion]:
-    """Yield the bias of a current that differs from its constant set value at rest.
-
-    Args:
-      runs: The runs; those without one of the two channels are left out.
-      name: Channel of the measured current.
-      target: Channel of its set value.
-      speeds: Channels of the speeds, all near zero at rest.
-    """
+    """Yield the bias of a current that differs from its constant set value at rest."""
     off = []
     for run in runs:
         if not {name, target} <= set(run.columns):

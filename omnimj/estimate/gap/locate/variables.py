@@ -7,31 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from omnimj.estimate.gap.locate.rules import BINS, BlockMask, Rule, Variable, bin_edges
-from omnimj.estimate.gap.sentences import format_amount, format_number
+from omnimj.estimate.gap.sentences import format_amount, format_number, variable_words
 from omnimj.estimate.replay.interface import Segment
 from omnimj.signals import Array
 
-_WORDS: Mapping[str, str] = {
-    "lateral_speed": "lateral speed",
-    "floor": "floor",
-    "direction": "direction",
-    "wheel": "wheel",
-    "mass": "mass",
-    "load": "load",
-    "speed": "speed",
-    "carriage_speed": "carriage speed",
-    "reversal": "time since a reversal",
-    "wheel_angle": "wheel angle",
-    "position": "position",
-    "carriage_position": "carriage position",
-    "current": "current",
-    "force": "force",
-    "wheel_speed": "wheel speed",
-    "yaw_rate": "yaw rate",
-    "acceleration": "acceleration",
-    "carriage_acceleration": "acceleration",
-    "time": "time since start",
-}
+_ORDER = (
+    *("lateral_speed", "floor", "direction", "wheel", "mass", "load", "speed", "carriage_speed", "reversal"),
+    *("wheel_angle", "position", "carriage_position", "current", "force", "wheel_speed", "yaw_rate"),
+    *("acceleration", "carriage_acceleration", "time"),
+)
 """Known names, ordered by preference where the data cannot distinguish them."""
 
 _ALIASES: Mapping[str, str] = {
@@ -61,18 +45,17 @@ def regime_variables(regimes: Mapping[str, tuple[str, Array]]) -> tuple[Variable
       regimes: Name → unit and values, shape (blocks,); text where values have no order.
     """
     regimes = _with_labels(regimes)
-    order = list(_WORDS)
 
     def rank(name: str) -> int:
         known = canonical_name(name)
-        return order.index(known) if known in order else len(order)
+        return _ORDER.index(known) if known in _ORDER else len(_ORDER)
 
     found: list[Variable] = []
     for name in sorted(regimes, key=rank):
         unit, values = regimes[name]
         values = np.asarray(values)
-        words = _WORDS.get(canonical_name(name), name.replace("_", " "))
         known = canonical_name(name)
+        words = variable_words(known)
         if known == "run":
             continue
         if values.dtype.kind not in "fiub":

@@ -31,12 +31,6 @@ def eliminate(problem: Problem, base: Fit, split: TrainingSplit, most: int) -> F
     """Drop effects from the model of all candidates until the data need each that is left.
 
     Errors count by their squares here: a loss that forgives large ones would forgive the lack of an effect.
-
-    Args:
-      problem: The data and the scale.
-      base: Fitted model without effects.
-      split: Training blocks, groups and folds.
-      most: Largest number of effects to leave.
     """
     problem = replace(problem, huber_scale=_SQUARES)
     model = _full_model(problem, base, split)

@@ -266,12 +266,6 @@ def is_distinguishable(problem: Problem, best: Fit, other: Fit, split: TrainingS
     r its misfit. If the other model were true, the better one would lead by |d|² − 2 d·r. The misfit that
     remains is not white: other structure of the machine repeats in every run. So r is drawn anew, whole runs
     in place of others with random signs; the models are distinguishable if |d|² > 2 |d·r| in 90 % of draws.
-
-    Args:
-      problem: The data and the scale.
-      best: Fit of the better model.
-      other: Fit of the other model, its base refitted.
-      split: Training blocks and groups, whose whole runs are drawn.
     """
     weight = huber_weights(problem, best.residual, split.used)[:, None]
     jacobian = best.jacobian * weight

@@ -221,15 +221,7 @@ def _at_roller_angle(rollers, row, angle):
 
 @kernel
 def _follow(stretch, follower, period, followed):
-    """Follow the measured wheel speeds over one stretch.
-
-    Args:
-      stretch: The log.
-      follower: The robot.
-      period: Time of a step [s].
-      followed: Filled with missing currents (4), accelerations (2), yaw rate and turn since the start, shape
-        (steps, 8).
-    """
+    """Follow the measured wheel speeds over one stretch."""
     n, model, sensors = WHEELS, follower.model, follower.sensors
     row, command, row_out = np.zeros(_STATE), np.empty(n), np.zeros(_OUTPUT)
     state, output = planar_state(row), planar_output(row_out)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.estimate.drives.compare import body_steps
 from omnimj.estimate.replay.base_parameters import floor_name
 from omnimj.estimate.replay.interface import Segment
 from omnimj.parameters import Floor, Robot
@@ -158,11 +159,7 @@ def _velocity(time: Array, pose: Array) -> Array:
     keep = np.isfinite(pose).all(axis=1)
     if keep.sum() < _FEWEST:
         return np.full(3, np.nan)
-    x, y, heading = pose[keep].T
-    heading = np.unwrap(heading)
-    middle = 0.5 * (heading[1:] + heading[:-1])
-    cos, sin = np.cos(middle), np.sin(middle)
-    ahead = float(np.sum(cos * np.diff(x) + sin * np.diff(y)))
-    left = float(np.sum(cos * np.diff(y) - sin * np.diff(x)))
-    span = time[keep][-1] - time[keep][0]
-    return np.array([ahead, left, heading[-1] - heading[0]]) / span
+    known = pose[keep]
+    known[:, 2] = np.unwrap(known[:, 2])
+    moved = np.array([*body_steps(known).sum(axis=0), known[-1, 2] - known[0, 2]])
+    return moved / (time[keep][-1] - time[keep][0])
