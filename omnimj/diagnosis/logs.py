@@ -300,13 +300,8 @@ def _held(time: Array, commands: Array, at: Array) -> Array:
 
 
 def rows_at(sampled_time: Array, time: Array) -> NDArray[np.int64]:
-    """Return the index of the newest sample at each row of the log, 0 before the first.
+    """Return the index of the newest sample at each row of the log, 0 before the first, shape (k,).
 
-    Args:
-      sampled_time: Times of the samples, shape (m,) [s].
-      time: Times of the rows, shape (k,) [s].
-
-    Returns:
-      Shape (k,).
+    Times of the samples have shape (m,) [s], those of the rows shape (k,) [s].
     """
     return np.maximum(np.searchsorted(sampled_time, time + _ROUNDING, side="right") - 1, 0)

@@ -272,11 +272,7 @@ def _of_run(finding: Finding, run: str, windows: Sequence[Overlay], second: bool
 def channel_rms(mismatch: Array) -> Array:
     """√(mean of squares) of every channel over the blocks that are not masked, NaN where all are.
 
-    Args:
-      mismatch: Shape (blocks, channels).
-
-    Returns:
-      Shape (channels,).
+    Shape (channels,), of a mismatch of shape (blocks, channels).
     """
     known = np.isfinite(mismatch)
     squares = np.where(known, mismatch, 0.0) ** 2

@@ -95,9 +95,7 @@ class FloorProblem:
     def simulated(self, shared: Array, own: Array) -> list[Array]:
         """Simulate every run; block means of shape (m, carriage.BLOCK) each.
 
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
+        Shared unknowns have shape (SHARED,), deviations of the runs' own radii shape (runs,).
         """
         floor = lugre(np.exp(shared[:RADIUS_SCALE]))
         return [
@@ -106,12 +104,7 @@ class FloorProblem:
         ]
 
     def residuals(self, shared: Array, own: Array) -> list[Array]:
-        """Whitened residuals of every run, its own radius and bias among them.
-
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
-        """
+        """Whitened residuals of every run, its own radius and bias among them; unknowns as in `simulated`."""
         return [
             self._whitened(run, blocks, off)
             for run, blocks, off in zip(self.runs, self.simulated(shared, own), own, strict=True)
@@ -128,12 +121,7 @@ class FloorProblem:
         return np.concatenate((speed, felt - ones * bias, [bias / self.bias_spread, off / RADIUS_SPREAD]))
 
     def jacobians(self, shared: Array, own: Array) -> list[RunJacobian]:
-        """Central differences of `residuals`, one Jacobian per run.
-
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
-        """
+        """Central differences of `residuals`, one Jacobian per run, at unknowns as in `simulated`."""
         columns = []
         for k in range(SHARED):
             step = np.zeros(SHARED)
@@ -148,12 +136,7 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """Return the problem with the noise estimated from the residuals of a fit.
-
-        Args:
-          shared: Fitted shared unknowns, shape (SHARED,).
-          own: Fitted radius deviation of each run, shape (runs,).
-        """
+        """The problem with noise estimated from the residuals of a fit; unknowns as in `simulated`."""
         errors: tuple[list[Array], list[Array]] = ([], [])
         for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
             for channel, found in enumerate(errors):
@@ -171,14 +154,7 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Compute the residuals of the weak prior.
-
-    Args:
-      shared: Shared unknowns, shape (SHARED,).
-
-    Returns:
-      Shape (SHARED,), in standard deviations of the prior.
-    """
+    """Residuals of the weak prior in its standard deviations, shape (SHARED,), as the unknowns."""
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 

@@ -87,14 +87,7 @@ class FitCovariance:
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
 
     def half_width(self, direction: Array) -> Array:
-        """Half-width of the interval of linear combinations.
-
-        Args:
-          direction: Coefficients, shape (n, SHARED).
-
-        Returns:
-          Shape (n,).
-        """
+        """Half-widths, shape (n,), of linear combinations with coefficients of shape (n, SHARED)."""
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 

@@ -85,15 +85,9 @@ def choose_heldout(groups: Groups, seed: int, names: tuple[str, ...] = ()) -> ND
 
 
 def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDArray[np.bool_]]:
-    """Masks of the blocks left out in each fold; together they cover the blocks of the training groups.
+    """Masks of the blocks left out in each fold, shape (blocks,) each.
 
-    Args:
-      groups: All groups.
-      train: Groups to fit to, shape (count,).
-      seed: Seed of the draw.
-
-    Returns:
-      One mask of shape (blocks,) per fold.
+    Together they cover the blocks of the groups to fit to, a mask of shape (count,).
     """
     inside = np.flatnonzero(train)
     order = np.random.default_rng(seed + 1).permutation(inside)
@@ -130,9 +124,7 @@ def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
 def heldout_gain(before: Array, after: Array) -> Interval:
     """1 − √(Σ after/Σ before) over groups, with a 90 % interval from a bootstrap over whole groups.
 
-    Args:
-      before: Held-out loss per group, shape (groups,).
-      after: Held-out loss per group of the other model, shape (groups,).
+    Both are held-out losses per group, shape (groups,).
     """
     value = 1.0 - np.sqrt(after.sum() / before.sum())
     count = len(before)
@@ -146,9 +138,7 @@ def heldout_gain(before: Array, after: Array) -> Interval:
 def paired_t(worse: Array, better: Array) -> float:
     """t statistic of the paired difference of two models' held-out losses; large: `better` is better.
 
-    Args:
-      worse: Held-out loss per group, shape (groups,).
-      better: Held-out loss per group of the other model, shape (groups,).
+    Both are losses per group, shape (groups,).
     """
     difference = worse - better
     spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
