@@ -85,11 +85,9 @@ def doubt_by_wheel_inertia(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
 
 
 def doubt_of(fit: RobotFit, others: Sequence[Array]) -> Doubt:
-    """Uncertainty of a fitted robot from the scatter between its runs.
+    """Uncertainty of a fitted robot from the scatter between its runs; of one run, noise and prior count.
 
-    Args:
-      fit: The fitted robot; with a single run, only its noise and the prior count.
-      others: Deviations of its numbers by what no scatter shows, each of shape (p,).
+    `others`: deviations of its numbers by what no scatter shows, shape (p,) each.
     """
     hessian, count = fit.information + np.diag(fit.precision), len(fit.runs)
     total = np.zeros_like(hessian)

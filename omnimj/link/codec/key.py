@@ -66,8 +66,7 @@ class Key:
     def session_key(self, connection: bytes) -> Key:
         """Key of one session: keyed BLAKE2s of a label and the connection, 32 bytes.
 
-        Args:
-          connection: Identity of the device, nonce of the host, cookie; each u64, little endian.
+        The connection is identity of the device, nonce of the host, cookie; each u64, little endian.
         """
         return Key(hashlib.blake2s(_SESSION_LABEL + connection, key=self._secret).digest())
 

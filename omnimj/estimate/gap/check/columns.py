@@ -216,13 +216,9 @@ def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
 
 
 def counter_jumps(values: Array) -> tuple[NDArray[np.intp], float]:
-    """Find the samples at which a counter wraps around, and the size of the jump; (empty, 0) without jumps.
+    """Samples before the jumps of a counter that wraps around, and the size of a jump [unit of the channel].
 
-    Args:
-      values: Readings of the counter, shape (n,).
-
-    Returns:
-      Samples before the jumps, shape (jumps,), and the jump's size [unit of the channel].
+    Shape (jumps,), of readings of shape (n,); (empty, 0) without jumps.
     """
     steps = np.diff(values)
     if len(steps) < 20:
