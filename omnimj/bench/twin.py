@@ -59,9 +59,7 @@ def _with_solver_contact(mj_model: Any, friction: bool) -> Any:
 def measure_twin(steps: int, rounds: int) -> dict[str, float]:
     """Measure steps per second, ratio to solver contact, share of the callback, and batch scaling.
 
-    Args:
-      steps: Steps of 1 ms per round.
-      rounds: Number of timed rounds; the shortest time is reported.
+    Steps are of 1 ms; the shortest time of several rounds is reported.
     """
     import mujoco
     import mujoco.batch
@@ -162,11 +160,7 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
 
 
 def measure_run(duration: float) -> dict[str, float]:
-    """Measure the real-time factor of a scenario run, and the cost and size of its Rerun recording.
-
-    Args:
-      duration: Duration of the scenario [s].
-    """
+    """Measure the real-time factor of a scenario [s], and the cost and size of its Rerun recording."""
     from omnimj.recording.traces import write_trace
     from omnimj.simulate.run import run_scenario
     from omnimj.simulate.scenario.scenario import read_scenario

@@ -227,15 +227,11 @@ def _misfit(
 
 
 def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
-    """Return the lower bounds of the thresholds.
+    """Return the lower bounds of the thresholds for permitted false alarms per hour [1/h] and n wheels.
 
     For Λ: h = ln(blocks per false alarm × tests), since without a fault Λ > h in a block with a probability
-    of at most e^{−h}. For the slipped distance: the shipped threshold. For a loss: the tolerance of healthy
-    motors.
-
-    Args:
-      rate: Permitted false alarms per hour [1/h].
-      wheels: n, which gives 2n + 2 tests.
+    of at most e^{−h}; n wheels give 2n + 2 tests. For the slipped distance: the shipped threshold. For a
+    loss: the tolerance of healthy motors.
     """
     usual = Thresholds()
     per_alarm = 3600.0 / rate / BLOCK

@@ -30,6 +30,7 @@ from omnimj.control.detection.robust.judgement import BLIND
 from omnimj.control.detection.robust.recorded import RecordedObservation, RecordedRows, is_still
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import ObserverGains
+from omnimj.diagnosis.driving_regimes import DoesNotFit, judge_fit
 from omnimj.diagnosis.logs import (
     Machine,
     SampledRun,
@@ -39,7 +40,6 @@ from omnimj.diagnosis.logs import (
     resample,
     rows_at,
 )
-from omnimj.diagnosis.model_fit import DoesNotFit, judge_fit
 from omnimj.display import Displayed
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor, Robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from omnimj.diagnosis.model_fit import describe_misfit
+from omnimj.diagnosis.driving_regimes import describe_misfit
 from omnimj.signals import Diagnosis
 
 if TYPE_CHECKING:

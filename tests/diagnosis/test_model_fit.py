@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from omnimj.control.detection.robust.thresholds import Thresholds
+from omnimj.diagnosis.driving_regimes import MISFIT, MOST_LEFT, describe_misfit, judge_fit
 from omnimj.diagnosis.logs import read_machine
-from omnimj.diagnosis.model_fit import MISFIT, MOST_LEFT, describe_misfit, judge_fit
 from omnimj.diagnosis.replay import DiagnosisConfig, diagnose
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import all_floors

@@ -111,9 +111,5 @@ def _board(board: ScoreBoard) -> dict[str, Any]:
 
 
 def _scores(one: EdgeScores) -> dict[str, Any]:
-    return dataclasses.asdict(one) | {
-        "share_found": one.share_found,
-        "share_found_on_time": one.share_found_on_time,
-        "share_on_time": one.share_on_time,
-        "accuracy": one.accuracy,
-    }
+    shares = ("share_found", "share_found_on_time", "share_on_time", "accuracy")
+    return dataclasses.asdict(one) | {name: getattr(one, name) for name in shares}

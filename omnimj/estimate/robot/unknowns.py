@@ -135,11 +135,9 @@ class Unknowns:
 
 
 def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:
-    """Unknowns of a robot with priors from its model file.
+    """Unknowns of a robot, with the effects of its model file, and their priors from it.
 
-    Args:
-      robot: The nominal robot, with the effects of its model file.
-      mass_is_known: Whether the logs state the mass; otherwise the robot may carry a payload.
+    Unless the logs state the mass, the robot may carry a payload.
     """
     n, c = len(robot.wheels), robot_constants(robot)
     payload = 0.0 if mass_is_known else PAYLOAD_SPREAD

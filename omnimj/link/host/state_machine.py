@@ -155,12 +155,10 @@ class Host:
         Raises:
           LinkLost: There is no session, or no telemetry yet.
         """
-        self._require(*_IN_SESSION)
-        if self.reading is None:
-            raise LinkLost("there is no telemetry yet")
+        newest = self._newest_sequence()
         if self.state is HostState.CONNECTED:
             self.state = HostState.ARMING
-        return self._frame(now, Arm(*self._hashes, self.reading.sequence))
+        return self._frame(now, Arm(*self._hashes, newest))
 
     def command(
         self, now: float, currents: Sequence[float], brake: int = 0, valid_for: float = COMMAND_VALIDITY
@@ -191,10 +189,7 @@ class Host:
         Raises:
           LinkLost: There is no session, or no telemetry yet.
         """
-        self._require(*_IN_SESSION)
-        if self.reading is None:
-            raise LinkLost("there is no telemetry yet")
-        return self._frame(now, Reset(self.reading.sequence))
+        return self._frame(now, Reset(self._newest_sequence()))
 
     def stop(self, now: float, reason: str = "stop was requested") -> tuple[Frame, ...]:
         """Stop: three copies of the frame; allowed at any time and repeatedly, the first reason is kept."""
@@ -342,6 +337,12 @@ class Host:
         if self.reading is not None and frame.time < self.reading.time:
             return "its time runs backwards"
         return ""
+
+    def _newest_sequence(self) -> int:
+        self._require(*_IN_SESSION)
+        if self.reading is None:
+            raise LinkLost("there is no telemetry yet")
+        return self.reading.sequence
 
     def _require(self, *states: HostState) -> None:
         self.require_link()

@@ -143,13 +143,9 @@ def unexplained_share(
 def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> list[tuple[float, float]]:
     """Scale of every wheel against the accelerometer axis along which it drives, and its certainty.
 
-    Gyro and both axes each have their own factor, so that the unit of one does not disturb the
-    others. The certainty is the correlation with all three, 0 where the axis contributes little.
-
-    Args:
-      parts: Windows.
-      rolling: Rolling speed per body twist over the radius, shape (wheels, 3).
-      count: Number of wheels.
+    Gyro and both axes each have their own factor, so that the unit of one does not disturb the others. The
+    certainty is the correlation with all three, 0 where the axis contributes little. `rolling`: rolling speed
+    per body twist over the radius, shape (wheels, 3).
     """
     found = []
     for k in range(count):

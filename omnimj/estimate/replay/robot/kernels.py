@@ -151,13 +151,7 @@ class _Part(NamedTuple):
 
 @kernel
 def value_at(values, column, place):
-    """Interpolate a column linearly between rows; constant beyond them.
-
-    Args:
-      values: Table, shape (steps, columns).
-      column: Index of the column.
-      place: Place, counted like the rows.
-    """
+    """Interpolate a column of a table, shape (steps, columns), linearly in rows; constant beyond them."""
     place = min(max(place, 0.0), float(len(values) - 1))
     below = min(int(place), max(len(values) - 2, 0))
     share = place - below

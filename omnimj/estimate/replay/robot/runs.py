@@ -319,7 +319,8 @@ def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
     turned = _per_block(runs, _along(runs, runs.log.speed))
     for i in range(WHEELS):
         found[f"wheel_angle_{i + 1}"] = ("rad", turned[:, i])
-    since = [_since_reversal(twist[a:b, :2], speed[a:b], p.time) for a, b, p in _rows(runs)]
+    rows = [(slice(p.first, p.last), p.time) for p in runs.segments]
+    since = [_since_reversal(twist[own, :2], speed[own], time) for own, time in rows]
     found["reversal"] = ("s", np.concatenate(since))
     size = np.array([p.last - p.first for p in runs.segments])
     if len(set(runs.floor)) > 1:
@@ -327,10 +328,6 @@ def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
     if len(set(runs.mass.tolist())) > 1:
         found["load"] = ("kg", np.repeat(runs.mass, size))
     return {n: (unit, v) for n, (unit, v) in found.items() if v.dtype.kind == "U" or np.ptp(v) > 0.0}
-
-
-def _rows(runs: RobotRuns):
-    return [(p.first, p.last, p) for p in runs.segments]
 
 
 def _since_reversal(velocity: Array, speed: Array, time: Array) -> Array:
