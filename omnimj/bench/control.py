@@ -85,7 +85,13 @@ def full_controller(robot: Robot) -> CompiledController:
 
 
 def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()) -> RecordedMission:
-    """Drive the planar robot for a time [s] with all sensors and record the inputs of its controller."""
+    """Drive the planar robot with all sensors and record the inputs of its controller.
+
+    Args:
+      robot: Robot to drive.
+      duration: Duration of the mission [s].
+      faults: Faults during the mission.
+    """
     plant = PlanarRobot(robot, FLOOR, faults=faults, seed=SEED)
     recorder = _RecordingController(full_controller(robot))
     drive(plant, recorder, make_mission(np.random.default_rng(SEED), duration, plant.period))

@@ -72,7 +72,12 @@ def _min_mean_time(work: Callable[[], object], times: int, rounds: int) -> float
 
 
 def codec_times(times: int = 10_000, rounds: int = 5) -> tuple[CodecTime, ...]:
-    """Measure the codec with telemetry of 12 channels and commands of 4 currents on every kind of link."""
+    """Measure the codec with telemetry of 12 channels and commands of 4 currents on every kind of link.
+
+    Args:
+      times: Frames per round.
+      rounds: Number of rounds; the shortest mean is reported.
+    """
     found = []
     for name, frame in _codec_frames().items():
         for key in (None, Key(random.Random(1).randbytes(KEY_SIZE))):

@@ -65,9 +65,14 @@ class DrivenRegimes:
 
 
 def driven_regimes(time: Array, wheel_speed: Array, robot: Robot) -> DrivenRegimes:
-    """Classify the motion of a robot by its wheel speeds φ̇, shape (k, n) [rad/s], at times of shape (k,) [s].
+    """Classify the motion of a robot by its wheels.
 
     The body's twist follows from the wheel speeds by least squares, r φ̇ = Bᵀ twist.
+
+    Args:
+      time: Shape (k,) [s].
+      wheel_speed: φ̇, shape (k, n) [rad/s].
+      robot: Nominal robot.
     """
     constants = robot_constants(robot)
     rim = constants.radius * wheel_speed
@@ -99,7 +104,12 @@ def _averaged(values: Array, rows: int) -> Array:
 
 
 def regime_of(places: Sequence[tuple[int, int]], driven: Iterable[DrivenRegimes]) -> Regime:
-    """Regime that most of the places, phases and directions of the largest values, share."""
+    """Regime that most places share.
+
+    Args:
+      places: Phase and direction of each of the largest values, at least one.
+      driven: Regimes of all runs.
+    """
     phase, _ = Counter(one for one, _ in places).most_common(1)[0]
     own = Counter(direction for one, direction in places if one == phase)
     direction, many = own.most_common(1)[0]

@@ -144,7 +144,14 @@ def misfit(
 def inject(
     config: DiagnosisConfig, loss: float, onsets: Sequence[tuple[int, float]], wheels: int
 ) -> InjectedLoss:
-    """Inject a loss d at some of the onsets, run and time [s] each, and run the detector."""
+    """Inject a loss at some of the onsets and run the detector.
+
+    Args:
+      config: The recordings and the thresholds.
+      loss: d.
+      onsets: Run and time [s] of possible onsets.
+      wheels: n.
+    """
     runs, machine, delays = config.dataset.runs, config.machine, []
     ends = {k: float(run.time[-1]) for k, run in enumerate(runs)}
     sampled = {}

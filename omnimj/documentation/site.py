@@ -92,7 +92,13 @@ def build_site(folder: Path, parser: argparse.ArgumentParser, execute: bool, rep
 
 
 def site_settings(sources: Path, folder: Path, pages: tuple[str, ...]) -> dict[str, Any]:
-    """Settings of MkDocs for one build from the folder of the pages to that of the site."""
+    """Settings of MkDocs for one build.
+
+    Args:
+      sources: Folder of the pages.
+      folder: Folder of the site.
+      pages: The pages, relative to `sources`.
+    """
     return {
         "site_name": "omnimj",
         "site_description": "MuJoCo twin of an omni-wheel robot, fault diagnosis, and the gap to measurement",

@@ -137,7 +137,13 @@ class Windows:
 
 
 def steady_windows(run: Run, radius: float, wheels: int) -> Windows:
-    """Windows of steady driving of a run on wheels of radius r [m]; masked samples are left out."""
+    """Windows of steady driving of a run; masked samples are left out.
+
+    Args:
+      run: Run with wheel speeds and currents.
+      radius: Wheel radius r [m].
+      wheels: Number of wheels n.
+    """
     time = run.time
     speeds = run.unmasked([f"wheel_speed_{i + 1}" for i in range(wheels)])
     currents = run.unmasked([f"current_{i + 1}" for i in range(wheels)])

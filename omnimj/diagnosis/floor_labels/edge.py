@@ -43,7 +43,10 @@ class EdgeLine:
 def contacts(run: Run, robot: Robot, time: Array) -> Array:
     """Contact points of all wheels in the camera's frame, shape (times, n, 2) [m]; NaN outside the poses.
 
-    Times have shape (times,) [s].
+    Args:
+      run: Run with a measured pose.
+      robot: Gives the wheels' positions.
+      time: Times, shape (times,) [s].
     """
     pose = run.unmasked(["x", "y", "heading"])
     known = np.isfinite(pose).all(axis=1)

@@ -105,7 +105,10 @@ def found_crossings(time: Array, labels: Labels) -> list[Crossing]:
 def true_crossings(time: Array, distance: Array, band: float = BAND) -> list[TrueCrossing]:
     """Contacts that pass from beyond one side of the band to beyond the other.
 
-    At times of shape (w,) [s], by distances beyond the line, shape (w, n) [m], and the half-width [m].
+    Args:
+      time: Times, shape (w,) [s].
+      distance: Distance of the contacts beyond the line, shape (w, n) [m].
+      band: Half-width of the band in which nothing is known [m].
     """
     found = []
     for i in range(distance.shape[1]):

@@ -44,7 +44,9 @@ def marker_angle(runs: Sequence[DrivenRun]) -> float | None:
 def with_marker(run: DrivenRun, angle: float) -> DrivenRun:
     """The run with its simulated path as a camera sees it that takes a heading which reads too much.
 
-    The marker is turned on the robot by an angle [rad]; the simulation began at the measured heading.
+    Args:
+      run: A run whose simulation began at the measured heading.
+      angle: By which the marker is turned on the robot [rad].
     """
     start, pose = run.simulated.pose[0, :2], run.simulated.pose.copy()
     cos, sin = np.cos(angle), np.sin(angle)

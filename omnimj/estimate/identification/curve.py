@@ -41,8 +41,10 @@ def steady_curve(shared: Array, slip: Array) -> Array:
 def slope(function, shared: Array, slip: Array) -> Array:
     """Derivative of a curve with respect to the shared unknowns, shape (slips, SHARED).
 
-    The function is `stribeck` or `steady_curve`, at logarithms of the parameters, shape (SHARED,), and slips
-    V_r, shape (slips,) [m/s].
+    Args:
+      function: `stribeck` or `steady_curve`.
+      shared: Logarithms of the parameters, shape (SHARED,).
+      slip: V_r, shape (slips,) [m/s].
     """
     steps = _EPSILON * np.eye(len(shared))
     return np.stack(

@@ -54,9 +54,11 @@ class Whitening:
     """Coefficients, shape (2, LAGS)."""
 
     def __call__(self, residual: Array, channel: int) -> Array:
-        """Whiten the residual of a channel, shape (m,); missing samples must be 0.
+        """Whiten a residual; missing samples must be 0.
 
-        Channel 0 is the speed, 1 the acceleration.
+        Args:
+          residual: Residual of one channel, shape (m,).
+          channel: 0 for speed, 1 for acceleration.
         """
         white = residual.copy()
         for lag, share in enumerate(self.lags[channel], start=1):
@@ -283,7 +285,12 @@ class _SolverView:
 
 
 def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
-    """Best fit out of several starting values of V_s, from initial shared unknowns of shape (SHARED,)."""
+    """Best fit out of several starting values of V_s.
+
+    Args:
+      problem: The runs.
+      start: Initial shared unknowns, shape (SHARED,).
+    """
     fits = []
     for speed in _STARTS:
         begin = start.copy()

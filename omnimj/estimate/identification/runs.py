@@ -66,7 +66,13 @@ class CarriageRun:
     def with_known(
         self, rail_friction_added: float = 0.0, mass_added: float = 0.0, wheel_late: float = 0.0
     ) -> CarriageRun:
-        """The run with added rail friction [N], mass [kg], and delay of the wheel speed [s]."""
+        """Return the run with changed constants.
+
+        Args:
+          rail_friction_added: Added rail friction [N].
+          mass_added: Added mass [kg].
+          wheel_late: Added delay of the wheel speed [s].
+        """
         own = self.parameters
         changed = own._replace(
             dry=own.dry + rail_friction_added, mass=own.mass + mass_added, delay=own.delay + wheel_late
@@ -75,7 +81,11 @@ class CarriageRun:
 
 
 def lugre(numbers: Array) -> TractionParameters:
-    """LuGre law for the kernels of μ_c, μ_s, V_s, σ0, σ1, σ2, shape (6,)."""
+    """LuGre law for the kernels.
+
+    Args:
+      numbers: μ_c, μ_s, V_s, σ0, σ1, σ2, shape (6,).
+    """
     return TractionParameters(float(LUGRE), *numbers)
 
 

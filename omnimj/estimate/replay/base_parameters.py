@@ -65,7 +65,14 @@ def _scale(name: str, half: float, words: str) -> BaseParameter:
 def adjust_machine(
     machine: Machine, floors: Mapping[str, Floor], base: Sequence[BaseParameter], values: Array
 ) -> AdjustedMachine[Machine]:
-    """The machine with other values of its uncertain parameters, shape (len(base),)."""
+    """The machine with other values of its uncertain parameters.
+
+    Args:
+      machine: The model.
+      floors: Floors by name.
+      base: Uncertain parameters.
+      values: Their values, shape (len(base),).
+    """
     tables: dict[str, dict[str, float]] = {}
     scales: dict[str, dict[str, float]] = {}
     lags: dict[str, float] = {}
@@ -93,7 +100,12 @@ def adjust_machine(
 
 
 def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]]) -> Machine:
-    """The machine with further effects and the values of their parameters, shape (parameters,) each."""
+    """The machine with further effects.
+
+    Args:
+      machine: Machine with the effects of its model file.
+      chosen: Candidates with the values of their parameters, shape (parameters,) each.
+    """
     effects: dict[str, dict[str, Any]] = {}
     for candidate, values in chosen:
         entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
@@ -121,7 +133,12 @@ def _free_name(name: str, taken: set[str]) -> str:
 
 
 def standing_constants(changed: AppliedEffects, mass: float) -> PlanarConstants:
-    """Packed robot of a declared mass [kg], its payload moved inward if a wheel would lift off."""
+    """Packed robot with its payload, which is moved inward if a wheel would lift off.
+
+    Args:
+      changed: The robot with its effects.
+      mass: Declared mass [kg].
+    """
     robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))
     extra, x, y = changed.payload
     for share in _SHARES:

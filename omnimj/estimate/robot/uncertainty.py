@@ -85,9 +85,11 @@ def doubt_by_wheel_inertia(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
 
 
 def doubt_of(fit: RobotFit, others: Sequence[Array]) -> Doubt:
-    """Uncertainty of a fitted robot from the scatter between its runs; of one run, noise and prior count.
+    """Uncertainty of a fitted robot from the scatter between its runs.
 
-    `others`: deviations of its numbers by what no scatter shows, shape (p,) each.
+    Args:
+      fit: The fitted robot; with a single run, only its noise and the prior count.
+      others: Deviations of its numbers by what no scatter shows, each of shape (p,).
     """
     hessian, count = fit.information + np.diag(fit.precision), len(fit.runs)
     total = np.zeros_like(hessian)

@@ -66,7 +66,8 @@ class Key:
     def session_key(self, connection: bytes) -> Key:
         """Key of one session: keyed BLAKE2s of a label and the connection, 32 bytes.
 
-        The connection is identity of the device, nonce of the host, cookie; each u64, little endian.
+        Args:
+          connection: Identity of the device, nonce of the host, cookie; each u64, little endian.
         """
         return Key(hashlib.blake2s(_SESSION_LABEL + connection, key=self._secret).digest())
 

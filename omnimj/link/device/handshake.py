@@ -23,7 +23,12 @@ class Handshake:
     """Stateless answers to hellos, and the connection of the newest session."""
 
     def __init__(self, identity: int, secret: bytes | None = None):
-        """Power up; identity, 64 bits, is drawn if 0, and the secret, 32 random bytes, if None."""
+        """Power up.
+
+        Args:
+          identity: Identity of the device, 64 bits; drawn if 0.
+          secret: 32 random bytes; drawn if None.
+        """
         self.identity = identity or secrets.randbits(64) or 1
         self._secret = secrets.token_bytes(32) if secret is None else secret
         self._sessions = 0

@@ -15,7 +15,12 @@ class Outbox:
     """Queue of frames to send, numbered within the session, with the times of recent telemetries."""
 
     def __init__(self, keyed: bool, remembered: int = 256):
-        """Start without a session, in which nothing is sent; times of so many telemetries are remembered."""
+        """Start without a session, in which nothing is sent.
+
+        Args:
+          keyed: Whether frames are to be tagged.
+          remembered: Number of telemetries whose times are kept.
+        """
         self._keyed, self._remembered = keyed, remembered
         self._queue: list[Frame] = []
         self.start_session(0)

@@ -216,9 +216,13 @@ def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
 
 
 def counter_jumps(values: Array) -> tuple[NDArray[np.intp], float]:
-    """Samples before the jumps of a counter that wraps around, and the size of a jump [unit of the channel].
+    """Find the samples at which a counter wraps around, and the size of the jump; (empty, 0) without jumps.
 
-    Shape (jumps,), of readings of shape (n,); (empty, 0) without jumps.
+    Args:
+      values: Readings of the counter, shape (n,).
+
+    Returns:
+      Samples before the jumps, shape (jumps,), and the jump's size [unit of the channel].
     """
     steps = np.diff(values)
     if len(steps) < 20:

@@ -97,9 +97,14 @@ def _accelerometer(machine: Rig | Robot) -> tuple[float, float, str]:
 def magnitude_suspicions(
     runs: Sequence[Run], limits: Sequence[Limit], speeds: Sequence[str]
 ) -> Iterator[Suspicion]:
-    """Yield channels with values that the machine cannot reach; speeds show whether it moves.
+    """Yield channels with values that the machine cannot reach.
 
     A channel that lies beyond its sensor's range most of the time is in another unit.
+
+    Args:
+      runs: All runs.
+      limits: Limits of the channels.
+      speeds: Channels that show whether the machine moves.
     """
     for limit in limits:
         sizes = {run.name: _sizes(run, limit) for run in runs if _has(run, limit)}

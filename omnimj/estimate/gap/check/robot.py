@@ -62,7 +62,14 @@ class BodyWindow:
 
 
 def body_windows(runs: Sequence[Run], wheels: int, gyro: float, longest: float) -> list[BodyWindow]:
-    """Cut runs of a robot into windows of some length at most [s]; the scale error of the gyro is known."""
+    """Cut runs into windows.
+
+    Args:
+      runs: Runs of a robot.
+      wheels: Number of wheels.
+      gyro: Known scale error of the gyro.
+      longest: Largest length of a window [s].
+    """
     found = []
     for run in runs:
         time = run.time
@@ -186,7 +193,13 @@ def noisy(wheels: int) -> tuple[str, ...]:
 
 
 def robot_suspicions(runs: Sequence[Run], robot: Robot, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
-    """Yield contradictions between channels of a robot, some of which may be known to be beyond its reach."""
+    """Yield contradictions between the channels of a robot.
+
+    Args:
+      runs: All runs.
+      robot: Places, directions and radius of the wheels.
+      beyond: Channels with values that the machine cannot reach.
+    """
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
     count = len(robot.wheels)
     speeds = tuple(f"wheel_speed_{i}" for i in range(1, count + 1))

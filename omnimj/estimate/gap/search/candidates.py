@@ -206,7 +206,9 @@ def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -
 def has_shape_at_bound(candidate: CandidateEffect, values: Array) -> bool:
     """True if a shape parameter is at a bound: a sticky place as wide as the guide is none.
 
-    `values`: the effect's parameters, shape (parameters,).
+    Args:
+      candidate: The effect.
+      values: Its parameters, shape (parameters,).
     """
     return any(
         shape.null_value is None and _is_at_bound(shape, value)
@@ -217,8 +219,11 @@ def has_shape_at_bound(candidate: CandidateEffect, values: Array) -> bool:
 def pinned_amplitudes(candidate: CandidateEffect, values: Array) -> list[int]:
     """Places of the amplitudes at an end of their range that has no meaning of its own.
 
-    The null value has one, and so has a scale of 0: what it scales is absent. `values`: the effect's
-    parameters, shape (parameters,).
+    The null value has one, and so has a scale of 0: what it scales is absent.
+
+    Args:
+      candidate: The effect.
+      values: Its parameters, shape (parameters,).
     """
     return [
         k

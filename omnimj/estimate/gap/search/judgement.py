@@ -237,7 +237,11 @@ def ambiguity_set(
 ) -> tuple[FittedCandidate, ...]:
     """Candidates that the first does not beat: in likelihood, over groups, and by `is_distinguishable`.
 
-    All stand in one place of the model, best first; `effective_share`: independent over all samples.
+    Args:
+      problem: The data and the scale.
+      tried: Candidates in one place of the model, the best first.
+      effective_share: Independent samples over all samples.
+      split: Training blocks, groups and folds.
     """
     best = tried[0]
     sure = float(student.ppf(_SURE, max(len(best.losses) - 1, 1)))

@@ -34,7 +34,9 @@ Progress = Callable[[str, float], None]
 def decoy_p_value(decoys: Array, gained: Interval) -> float | None:
     """Share of decoys that gain at least as much, (1 + n)/(1 + N); None without decoys.
 
-    Held-out gains of the decoys have shape (N,).
+    Args:
+      decoys: Held-out gains of the decoys, shape (N,).
+      gained: Held-out gain of the candidate.
     """
     if not len(decoys):
         return None

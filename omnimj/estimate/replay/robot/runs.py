@@ -142,9 +142,13 @@ def _log(stretches: NDArray[np.int64], start: Array, times: Array, steps: Array,
 
 
 def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> RobotRuns:
-    """Simulated run of a declared mass [kg] in the form of measured ones, with their blocks and windows.
+    """Simulated run in the form of measured ones.
 
-    Values of every channel at each step have shape (steps, 12).
+    Args:
+      values: Values of every channel at each step, shape (steps, 12).
+      floor: Its floor.
+      mass: Declared mass [kg].
+      like: Gives sizes of blocks and windows.
     """
     count = len(values) // like.size
     values = values[: count * like.size]

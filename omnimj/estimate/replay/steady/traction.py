@@ -42,7 +42,10 @@ def traction_curves(
 ) -> tuple[TractionCurves, ...]:
     """Traction over slip at up to three rolling speeds, floor by floor.
 
-    By the given model, refitted, and by that with the named effects, if any; points are of the last model.
+    Args:
+      replay: Steady runs.
+      before: The given model, refitted.
+      after: The model with the named effects; None without any. Points are those of the last model.
     """
     return tuple(_on_floor(replay, name, before, after) for name in replay.blocks())
 
