@@ -48,7 +48,12 @@ class Tail:
 
 
 def fit_tail(maxima: Array, stretch: float) -> Tail:
-    """Fit the tail of a statistic to maxima over one stretch each, shape (m,), of some duration [s]."""
+    """Fit the tail of a statistic.
+
+    Args:
+      maxima: Maxima over one stretch each, shape (m,).
+      stretch: Duration of a stretch [s].
+    """
     start = float(np.median(maxima))
     excess = maxima[maxima > start] - start
     k = len(excess)
@@ -88,7 +93,12 @@ class Spread:
 
 
 def fit_spread(maxima: Array, hours: float) -> Spread:
-    """Fit the spread of an estimate to maxima over one run each, shape (k,), of some duration in all [h]."""
+    """Fit the spread of an estimate.
+
+    Args:
+      maxima: Maxima over one run each, shape (k,).
+      hours: Duration of all runs together [h].
+    """
     k = len(maxima)
     deviation = float(maxima.std(ddof=1)) if k > 1 else 0.0
     return Spread(float(maxima.mean()), deviation, k, hours / k, float(maxima.max()))

@@ -75,7 +75,12 @@ class InjectedLoss:
 
 
 class LossInformation:
-    """Collector of information and score of each motor and window, by `EVERY` blocks of motion."""
+    """Collector of information and score of each motor and window, by `EVERY` blocks of motion.
+
+    Args:
+      wheels: n.
+      model: Parameter model of the detector.
+    """
 
     def __init__(self, wheels: int, model: ParameterModel):
         self._wheels, self._short_term = wheels, model.short_term
@@ -130,7 +135,9 @@ class LossInformation:
     def delays(self, loss: float, threshold: float) -> Array:
         """Expected delay of each motor at each onset, ∞ where it is not detected, shape (onsets, n) [s].
 
-        A loss d is detected at the threshold h [nats].
+        Args:
+          loss: d.
+          threshold: h [nats].
         """
         if not self._rows:
             return np.empty((0, self._wheels))

@@ -190,8 +190,7 @@ def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
 def weighted_gram(jacobian, residual, weight):
     """Compute [J r]ᵀ W² [J r], shape (n + 1, n + 1).
 
-    For tall, narrow matrices J, shape (rows, n), faster than a multithreaded BLAS; r and the diagonal of W
-    have shape (rows,).
+    For tall, narrow J, shape (rows, n), faster than a multithreaded BLAS; r and W's diagonal have shape (rows,).
     """
     rows, n = jacobian.shape
     sums = np.zeros((n + 1, n + 1))

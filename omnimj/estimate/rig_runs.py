@@ -145,9 +145,12 @@ def _steady(speed: Array, period: float) -> Array:
 
 
 def drive_by_currents(plant: PlanarRig | RigTwin, current: Array, start_speeds: tuple[float, float]) -> Array:
-    """Drive a plant with ideal sensors by the motor current at every sample, shape (k,) [A].
+    """Drive a plant with measured currents.
 
-    Speeds of carriage [m/s] and wheel [rad/s] at the start are both 0 for a start from rest.
+    Args:
+      plant: Rig with ideal sensors.
+      current: Motor current at every sample, shape (k,) [A].
+      start_speeds: Speeds of carriage [m/s] and wheel [rad/s] at the start; both 0 for a start from rest.
 
     Returns:
       Wheel speed [rad/s], carriage speed [m/s] and its acceleration [m/s²] at every sample, shape (k, 3).

@@ -135,11 +135,15 @@ class Calibration:
         self._filter_state: dict[int, float] = {}
 
     def convert(self, time: float, raw: Sequence[float]) -> Measurement:
-        """Convert one sample of raw readings, volts or counts of all channels, to a measurement in SI units.
+        """Convert one sample of raw readings to a measurement in SI units.
 
-        A wheel speed from an angle is the difference quotient over the samples' own times [s]; it is 0 at the
+        A wheel speed from an angle is the difference quotient over the samples' own times; it is 0 at the
         first sample, since a robot is armed at rest, and unchanged if time does not increase. A reading that
         is not finite becomes NaN and does not enter filters and counters.
+
+        Args:
+          time: Time of the sample [s].
+          raw: Volts or counts of all channels of the device.
         """
         found = np.asarray(raw, dtype=float)[self._order]
         values = self._gain * (found - self._offset)

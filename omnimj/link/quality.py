@@ -34,7 +34,10 @@ class ClockOffset:
     def answered(self, nonce: int, now: float, device_time: float) -> None:
         """Note the answer to a ping; repeated and unknown ones are ignored.
 
-        It arrived at `now` on the host's clock and has the time of the device's clock, both in [s].
+        Args:
+          nonce: Nonce of the ping.
+          now: Time of arrival on the host's clock [s].
+          device_time: Time of the device's clock in the answer [s].
         """
         for entry in self._sent:
             if entry[0] == nonce:

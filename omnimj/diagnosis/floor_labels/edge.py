@@ -77,8 +77,10 @@ class SeenRun(NamedTuple):
 def misfits(measured: Array, expected: Array, scatter: float) -> Array:
     """Half the sum of squared current residuals over their variance, bounded, shape (assignments, w).
 
-    Measured mean currents, NaN where unknown, have shape (w, n) [A], expected ones (assignments, w, n) [A];
-    scatter is the standard deviation of a residual [A].
+    Args:
+      measured: Mean currents, NaN where unknown, shape (w, n) [A].
+      expected: Currents by assignment, shape (assignments, w, n) [A].
+      scatter: Standard deviation of a residual [A].
     """
     squares = np.nan_to_num((measured - expected) / scatter) ** 2
     return np.minimum(0.5 * squares.sum(axis=-1), _MOST)

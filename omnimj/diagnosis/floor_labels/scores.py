@@ -94,7 +94,12 @@ class EdgeScores:
 
 
 def found_crossings(time: Array, labels: Labels) -> list[Crossing]:
-    """Changes of labels, shape (w, n), each midway between two windows with centres of shape (w,) [s]."""
+    """Changes of labels, each midway between two windows.
+
+    Args:
+      time: Windows' centres, shape (w,) [s].
+      labels: Floor under each wheel, shape (w, n).
+    """
     rows, wheels = np.nonzero(labels[1:] != labels[:-1])
     return [
         Crossing(float(0.5 * (time[k] + time[k + 1])), int(i) + 1, int(labels[k + 1, i]))

@@ -88,8 +88,8 @@ class Problem:
     def prior(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
         """Precision of every parameter and its distance from nominal, both in its scale and of shape (n,).
 
-        A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the
-        share of an effect that the base's own uncertainty explains. Both are zero for α and effects.
+        A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the share
+        of an effect that the base's own uncertainty explains. Both are zero for α and effects.
         """
         n = len(self.replay.base)
         precision, distance = np.zeros(len(x)), np.zeros(len(x))
@@ -123,8 +123,8 @@ class Problem:
     def whitened(self, mismatch: Array) -> Array:
         """Mismatch in units of noise, 0 where masked; each run's offset is removed by its prior.
 
-        A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks. The
-        mismatch is measured − predicted, shape (blocks, channels), NaN where masked.
+        A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks. The mismatch
+        is measured − predicted, shape (blocks, channels), NaN where masked.
         """
         r = np.nan_to_num(mismatch / self.noise)
         for c, channel in enumerate(self.replay.channels):

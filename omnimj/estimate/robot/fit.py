@@ -90,7 +90,13 @@ def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
 
 
 def newton_step(unknowns: Unknowns, x: Array, sums: Sequence[RunSums]) -> Array:
-    """Gauss-Newton step, shape (p,), from deviations x, shape (p,), with the runs' normal equations there."""
+    """Gauss-Newton step from x, shape (p,).
+
+    Args:
+      unknowns: What is estimated, with its priors.
+      x: Deviations, shape (p,).
+      sums: Normal equations of the runs at x.
+    """
     precision = unknowns.spread**-2.0
     gram = np.sum([one.gram for one in sums], axis=0) + np.diag(precision)
     slope = np.sum([one.slope for one in sums], axis=0) + precision * x

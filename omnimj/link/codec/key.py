@@ -79,7 +79,12 @@ class SessionKeys:
     """Keys of one end of a link: frames of session 0 use the link's key, all others the session's."""
 
     def __init__(self, key: Key, connection: Callable[[], bytes]):
-        """Prepare with the key of the link; `connection` returns the present one, see `Key.session_key`."""
+        """Prepare.
+
+        Args:
+          key: Key of the link.
+          connection: Returns the present connection, see `Key.session_key`.
+        """
         self._key, self._connection = key, connection
         self._of, self._session_key = b"", key
 

@@ -53,7 +53,12 @@ class RawEncoder:
     """Encoder of measurements in SI units as raw readings of the device's converters and counters."""
 
     def __init__(self, hardware: Hardware, defects: Sequence[WiringDefect] = ()):
-        """Start with counters at zero, with the calibration of every channel and defects of the wiring."""
+        """Start with counters at zero.
+
+        Args:
+          hardware: Wiring, with the calibration of every channel.
+          defects: Defects of the wiring.
+        """
         self._inputs, self._kinds = hardware.inputs, channel_kinds(hardware)
         named = {i.name: k for k, i in enumerate(hardware.inputs)}
         self._factor = np.ones(len(named))
@@ -72,7 +77,12 @@ class RawEncoder:
     def encode(self, measured: Measurement, elapsed: float) -> tuple[float, ...]:
         """Encode a measurement: sign · SI / gain + offset; a wheel angle is the wrapped sum of speed × time.
 
-        `elapsed`: time since the previous measurement [s]. Volts or counts of every channel of the device.
+        Args:
+          measured: Measurement of the plant.
+          elapsed: Time since the previous measurement [s].
+
+        Returns:
+          Volts or counts of every channel of the device.
         """
         values = np.concatenate(
             (measured.current, measured.wheel_speed, measured.acceleration, (measured.yaw_rate, measured.yaw))

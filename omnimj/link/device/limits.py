@@ -120,16 +120,29 @@ def _check_current_rate(
 
 
 def heat_after(limits: Limits, heat: float, current: float, elapsed: float) -> float:
-    """I²t after a constant current [A] of some duration [s], max(0, heat + (i² − i_continuous²) t) [A²s]."""
+    """I²t after a current has flowed: max(0, heat + (i² − i_continuous²) t) [A²s].
+
+    Args:
+      limits: Limits in float32.
+      heat: I²t before [A²s].
+      current: Constant current [A].
+      elapsed: Duration [s].
+    """
     return max(0.0, heat + (current * current - limits.continuous_current**2) * elapsed)
 
 
 def check_heating(
     limits: Limits, period: float, heat: tuple[float, ...], currents: tuple[float, ...]
 ) -> Refusal | None:
-    """Refusal if one more period [s] of these currents, shape (n,) [A], would heat a motor beyond its limit.
+    """Refusal if one more period of these currents would heat a motor beyond its limit.
 
-    The I²t of each motor has shape (n,) [A²s]. A current up to the continuous one always passes.
+    A current up to the continuous one always passes.
+
+    Args:
+      limits: Limits in float32.
+      period: Time between two ticks [s].
+      heat: I²t of each motor, shape (n,) [A²s].
+      currents: Set values, shape (n,) [A].
     """
     for wheel, (now, current) in enumerate(zip(heat, currents, strict=True), start=1):
         then = heat_after(limits, now, current, period)
@@ -149,10 +162,12 @@ def check_wheel_speeds(limits: Limits, speeds: tuple[float, ...]) -> Refusal | N
 
 
 def check_freshness(limits: Limits, command: Command, age: float) -> Refusal | None:
-    """Refusal if a command answers a telemetry that was sent longer ago than its valid_for [s].
+    """Refusal if a command answers a telemetry that was sent longer ago than its valid_for.
 
-    The limit's valid_for replaces one that is not allowed, which another rule refuses; the age is infinite if
-    unknown.
+    Args:
+      limits: Limits in float32; their valid_for replaces one that is not allowed, which another rule refuses.
+      command: New command.
+      age: Age of the telemetry that it answers, infinite if unknown [s].
     """
     is_allowed = 0.0 < command.valid_for <= limits.valid_for
     allowed = command.valid_for if is_allowed else limits.valid_for
@@ -167,7 +182,9 @@ def deviates(limits: Limits, current: float, measured: float) -> bool:
 def check_deviation(since: tuple[float, ...], now: float) -> Refusal | None:
     """Refusal if a measured current has deviated from its set value for longer than it may.
 
-    Times since which the currents deviate have shape (n,) [s], infinite for those that do not.
+    Args:
+      since: Times since which the currents deviate, infinite for those that do not, shape (n,) [s].
+      now: Time [s].
     """
     for wheel, begin in enumerate(since, start=1):
         if now - begin > CURRENT_SETTLING:

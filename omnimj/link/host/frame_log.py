@@ -48,7 +48,11 @@ class FrameLog:
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]):
-        """Begin a new file with a description of the run.
+        """Begin a new file.
+
+        Args:
+          path: The file.
+          about: Description of the run.
 
         Raises:
           InputError: The file exists.

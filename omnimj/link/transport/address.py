@@ -51,7 +51,11 @@ def is_loopback(numeric: str) -> bool:
 
 
 def parse_address(text: str, place: object = "address") -> Address:
-    """Parse an address; `place` is the argument or file that holds it, for the error message.
+    """Parse an address.
+
+    Args:
+      text: Address in one of the forms above.
+      place: Argument or file that holds it, for the error message.
 
     Raises:
       InputError: The text has neither form, or a number is out of range.

@@ -53,7 +53,10 @@ _UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
 def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Mapping[str, float]) -> Array:
     """Motor current [A]: the monitor's reading without its scale, offset and delay, shape (samples,).
 
-    `lags`: small lag of each channel [s].
+    Args:
+      runs: The runs.
+      channels: Effects on the sensors, by channel.
+      lags: Small lag of each channel [s].
     """
     change = channels.get("current", ChannelEffect())
     scale = math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale)
