@@ -300,8 +300,13 @@ def _held(time: Array, commands: Array, at: Array) -> Array:
 
 
 def rows_at(sampled_time: Array, time: Array) -> NDArray[np.int64]:
-    """Return the index of the newest sample at each row of the log, 0 before the first, shape (k,).
+    """Return the index of the newest sample at each row of the log, 0 before the first.
 
-    Times of the samples have shape (m,) [s], those of the rows shape (k,) [s].
+    Args:
+      sampled_time: Times of the samples, shape (m,) [s].
+      time: Times of the rows, shape (k,) [s].
+
+    Returns:
+      Shape (k,).
     """
     return np.maximum(np.searchsorted(sampled_time, time + _ROUNDING, side="right") - 1, 0)

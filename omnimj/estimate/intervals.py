@@ -86,8 +86,15 @@ def _stretches(runs: dict[str, list[slice]]) -> list[slice]:
 def repeatability(replay: Replay, mismatch: Array) -> Array:
     """RMS difference of repeats of one condition from their mean, per channel; NaN without repeats.
 
-    The differences are taken between mismatches, shape (blocks, channels), so that known differences of the
-    inputs cancel: for repeats a, b var = Σ (m_a − m_b)²/2n, shape (channels,).
+    The differences are taken between mismatches, so that known differences of the inputs cancel: for repeats
+    a, b var = Σ (m_a − m_b)²/2n.
+
+    Args:
+      replay: Gives segments and conditions.
+      mismatch: Measured − simulated, shape (blocks, channels).
+
+    Returns:
+      Shape (channels,).
     """
     by_condition: dict[tuple[str, int], list] = defaultdict(list)
     seen: dict[tuple[str, str], int] = defaultdict(int)
@@ -111,10 +118,16 @@ def repeatability(replay: Replay, mismatch: Array) -> Array:
 
 
 def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
-    """Noise from the second differences of neighbouring blocks, per channel, shape (channels,).
+    """Noise from the second differences of neighbouring blocks, per channel.
 
-    For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ² of the mismatch, shape (blocks, channels); the
-    median is robust to starts and reversals.
+    For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ²; the median is robust to starts and reversals.
+
+    Args:
+      replay: Gives the segments.
+      mismatch: Measured − simulated, shape (blocks, channels).
+
+    Returns:
+      Shape (channels,).
     """
     bends = [
         mismatch[p.first : p.last - 2]
@@ -130,10 +143,17 @@ def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
 
 
 def block_noise(replay: Replay, mismatch: Array) -> Array:
-    """Standard deviation of a block mean, per channel, shape (channels,) [unit of the channel].
+    """Standard deviation of a block mean, per channel.
 
-    The larger of repeatability and neighbour noise of the mismatch, shape (blocks, channels), combined with a
-    small share of the channel's own RMS and the known error of the equations on a healthy machine.
+    The larger of repeatability and neighbour noise, combined with a small share of the channel's own RMS
+    and the known error of the equations on a healthy machine.
+
+    Args:
+      replay: Gives segments, measurement and channels.
+      mismatch: Measured − simulated, shape (blocks, channels).
+
+    Returns:
+      Shape (channels,) [unit of the channel].
     """
     floor = np.nan_to_num(repeatability(replay, mismatch))
     own = np.sqrt(np.nanmean(replay.measured**2, axis=0))
@@ -143,10 +163,16 @@ def block_noise(replay: Replay, mismatch: Array) -> Array:
 
 
 def effective_samples(replay: Replay, whitened: Array) -> float:
-    """Effective number of independent samples, N_eff = N/(1 + 2 Σ ρ_k), summed over the channels.
+    """Effective number of independent samples, N_eff = N/(1 + 2 Σ ρ_k).
 
-    The sum ends where the autocorrelation ρ_k of the mismatch in units of noise, shape (blocks, channels), 0
-    where masked, first falls below 0.05. Different segments are taken as uncorrelated.
+    The sum ends where the autocorrelation ρ_k first falls below 0.05.
+
+    Args:
+      replay: Gives the segments; different segments are taken as uncorrelated.
+      whitened: Mismatch in units of noise, shape (blocks, channels), 0 where masked.
+
+    Returns:
+      N_eff, summed over the channels.
     """
     total = 0.0
     for c in range(whitened.shape[1]):
@@ -176,6 +202,10 @@ def at_least(covariance: Array, least: Array) -> Array:
 
 
 def finite_rms(values: Array) -> float:
-    """√(mean of squares) of the finite values of an array; NaN without any."""
+    """Compute √(mean of squares) of the finite values; NaN without any.
+
+    Args:
+      values: Values of any shape.
+    """
     counted = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(counted**2))) if len(counted) else float("nan")

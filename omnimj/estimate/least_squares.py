@@ -35,30 +35,66 @@ class LeastSquares(Protocol[J]):
         ...
 
     def prior(self, x: Array) -> tuple[Array, Array]:
-        """Return precision and distance from nominal at x in the parameters' scales, shape (n,) each."""
+        """Return the precision of each parameter and its distance from nominal.
+
+        Args:
+          x: Parameters, shape (n,).
+
+        Returns:
+          Precision and distance, both in the scale of the parameter and of shape (n,).
+        """
         ...
 
     def residuals(self, points: Sequence[Array]) -> list[Array]:
-        """Compute weighted or whitened residuals at points, shape (n,) each, in a shape of its own."""
+        """Compute the weighted or whitened residuals at several points.
+
+        Args:
+          points: Parameters of each point, shape (n,) each.
+
+        Returns:
+          One array per point, in a shape that the problem chooses.
+        """
         ...
 
     def loss(self, x: Array, residual: Array) -> float:
-        """Compute the value to be minimised, prior included, at x, shape (n,), with the residual there."""
+        """Compute the value to be minimised, prior included.
+
+        Args:
+          x: Parameters, shape (n,).
+          residual: Residual at x, as `residuals` returns it.
+        """
         ...
 
     def jacobian(self, x: Array, known: J | None) -> J:
-        """Compute d(residual)/d(x/scale) at x, shape (n,), of which leading columns may be known."""
+        """Compute d(residual)/d(x/scale).
+
+        Args:
+          x: Parameters, shape (n,).
+          known: Leading columns that are already computed; None without any.
+        """
         ...
 
     def update(self, jacobian: J, residual: Array, moved: Array, step: Array) -> J:
-        """Update the Jacobian after a step from `residual` to `moved`, or return the old one.
+        """Update the Jacobian after a step, or return the old one.
 
-        The step is in units of `scales`, shape (n,).
+        Args:
+          jacobian: Jacobian before the step.
+          residual: Residual before the step, as `residuals` returns it.
+          moved: Residual after the step.
+          step: Change of the parameters in units of `scales`, shape (n,).
         """
         ...
 
     def normal_equations(self, jacobian: J, residual: Array) -> Array:
-        """Form the normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1)."""
+        """Form the normal equations [J r]ᵀ W² [J r].
+
+        Args:
+          jacobian: Jacobian J of the residual.
+          residual: Residual r, as `residuals` returns it.
+
+        Returns:
+          Shape (n + 1, n + 1), for n parameters.
+        """
         ...
 
 
@@ -181,16 +217,25 @@ def bounded_step(
 def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
     """Normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1).
 
-    J has shape (rows, n), r as many entries in any shape, the diagonal of W shape (rows,).
+    Args:
+      jacobian: J, shape (rows, n).
+      residual: r, any shape with as many entries as rows.
+      weight: Diagonal of W, shape (rows,).
     """
     return weighted_gram(np.ascontiguousarray(jacobian), residual.ravel(), weight)
 
 
 @kernel
 def weighted_gram(jacobian, residual, weight):
-    """Compute [J r]ᵀ W² [J r], shape (n + 1, n + 1).
+    """Compute [J r]ᵀ W² [J r]; for tall, narrow matrices faster than a multithreaded BLAS.
 
-    For tall, narrow J, shape (rows, n), faster than a multithreaded BLAS; r and W's diagonal have shape (rows,).
+    Args:
+      jacobian: J, shape (rows, n).
+      residual: r, shape (rows,).
+      weight: Diagonal of W, shape (rows,).
+
+    Returns:
+      Shape (n + 1, n + 1).
     """
     rows, n = jacobian.shape
     sums = np.zeros((n + 1, n + 1))

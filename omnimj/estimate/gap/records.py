@@ -272,7 +272,11 @@ def _of_run(finding: Finding, run: str, windows: Sequence[Overlay], second: bool
 def channel_rms(mismatch: Array) -> Array:
     """√(mean of squares) of every channel over the blocks that are not masked, NaN where all are.
 
-    Shape (channels,), of a mismatch of shape (blocks, channels).
+    Args:
+      mismatch: Shape (blocks, channels).
+
+    Returns:
+      Shape (channels,).
     """
     known = np.isfinite(mismatch)
     squares = np.where(known, mismatch, 0.0) ** 2

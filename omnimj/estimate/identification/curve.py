@@ -22,18 +22,28 @@ _EPSILON = 1e-4
 
 
 def stribeck(shared: Array, slip: Array) -> Array:
-    """g(V_r) [1], Eq. 3.43, shape (n,), at slips V_r, shape (n,) [m/s].
+    """g(V_r) [1], Eq. 3.43.
 
-    `shared`: logarithms of the parameters, shape (SHARED,).
+    Args:
+      shared: Logarithms of the parameters, shape (SHARED,).
+      slip: V_r, shape (n,) [m/s].
+
+    Returns:
+      Shape (n,).
     """
     mu_c, mu_s, speed = np.exp(shared[[MU_C, MU_S, V_S]])
     return mu_c + (mu_s - mu_c) * np.exp(-np.sqrt(np.abs(slip) / speed))
 
 
 def steady_curve(shared: Array, slip: Array) -> Array:
-    """F/F_N = g(V_r) sign V_r + σ2 V_r [1], shape (n,), at slips V_r, shape (n,) [m/s].
+    """F/F_N = g(V_r) sign V_r + σ2 V_r [1].
 
-    `shared`: logarithms of the parameters, shape (SHARED,).
+    Args:
+      shared: Logarithms of the parameters, shape (SHARED,).
+      slip: V_r, shape (n,) [m/s].
+
+    Returns:
+      Shape (n,).
     """
     return stribeck(shared, slip) * np.sign(slip) + np.exp(shared[SIGMA_2]) * slip
 
@@ -67,7 +77,12 @@ def points(fit: FloorFit) -> Points:
 def measured_points(run: CarriageRun, radius: float) -> tuple[Array, Array]:
     """Block means by Eq. (4.26): V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1].
 
-    Each has shape (m,), NaN where not measured; r is the rolling radius [m].
+    Args:
+      run: The run.
+      radius: Rolling radius [m].
+
+    Returns:
+      V_r and F/F_N in blocks, each of shape (m,); NaN where not measured.
     """
     speed, acceleration = run.measured.T
     wheel = run.wheel_speed.reshape(-1, run.per_block).mean(axis=1)

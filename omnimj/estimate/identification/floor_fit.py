@@ -95,7 +95,9 @@ class FloorProblem:
     def simulated(self, shared: Array, own: Array) -> list[Array]:
         """Simulate every run; block means of shape (m, carriage.BLOCK) each.
 
-        Shared unknowns have shape (SHARED,), deviations of the runs' own radii shape (runs,).
+        Args:
+          shared: Shared unknowns, shape (SHARED,).
+          own: Radius deviation of each run, shape (runs,).
         """
         floor = lugre(np.exp(shared[:RADIUS_SCALE]))
         return [
@@ -104,7 +106,12 @@ class FloorProblem:
         ]
 
     def residuals(self, shared: Array, own: Array) -> list[Array]:
-        """Whitened residuals of every run, its own radius and bias among them; unknowns as in `simulated`."""
+        """Whitened residuals of every run, its own radius and bias among them.
+
+        Args:
+          shared: Shared unknowns, shape (SHARED,).
+          own: Radius deviation of each run, shape (runs,).
+        """
         return [
             self._whitened(run, blocks, off)
             for run, blocks, off in zip(self.runs, self.simulated(shared, own), own, strict=True)
@@ -121,7 +128,12 @@ class FloorProblem:
         return np.concatenate((speed, felt - ones * bias, [bias / self.bias_spread, off / RADIUS_SPREAD]))
 
     def jacobians(self, shared: Array, own: Array) -> list[RunJacobian]:
-        """Central differences of `residuals`, one Jacobian per run, at unknowns as in `simulated`."""
+        """Central differences of `residuals`, one Jacobian per run.
+
+        Args:
+          shared: Shared unknowns, shape (SHARED,).
+          own: Radius deviation of each run, shape (runs,).
+        """
         columns = []
         for k in range(SHARED):
             step = np.zeros(SHARED)
@@ -136,7 +148,12 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """The problem with noise estimated from the residuals of a fit; unknowns as in `simulated`."""
+        """Return the problem with the noise estimated from the residuals of a fit.
+
+        Args:
+          shared: Fitted shared unknowns, shape (SHARED,).
+          own: Fitted radius deviation of each run, shape (runs,).
+        """
         errors: tuple[list[Array], list[Array]] = ([], [])
         for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
             for channel, found in enumerate(errors):
@@ -154,7 +171,14 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Residuals of the weak prior in its standard deviations, shape (SHARED,), as the unknowns."""
+    """Compute the residuals of the weak prior.
+
+    Args:
+      shared: Shared unknowns, shape (SHARED,).
+
+    Returns:
+      Shape (SHARED,), in standard deviations of the prior.
+    """
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 

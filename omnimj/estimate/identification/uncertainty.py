@@ -87,7 +87,14 @@ class FitCovariance:
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
 
     def half_width(self, direction: Array) -> Array:
-        """Half-widths, shape (n,), of linear combinations with coefficients of shape (n, SHARED)."""
+        """Half-width of the interval of linear combinations.
+
+        Args:
+          direction: Coefficients, shape (n, SHARED).
+
+        Returns:
+          Shape (n,).
+        """
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 

@@ -167,7 +167,9 @@ class Replay(Protocol):
 def average_blocks(values: Array, size: int) -> Array:
     """Average `size` consecutive samples at a time; drop a remainder; NaN where any sample is NaN.
 
-    Samples have shape (n,) or (n, channels).
+    Args:
+      values: Shape (n,) or (n, channels).
+      size: Samples per block.
     """
     count = len(values) // size
     return np.asarray(values[: count * size]).reshape(count, size, *values.shape[1:]).mean(axis=1)

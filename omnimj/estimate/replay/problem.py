@@ -86,10 +86,17 @@ class Problem:
         return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)
 
     def prior(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
-        """Precision of every parameter and its distance from nominal, both in its scale and of shape (n,).
+        """Compute the precision of every parameter and its distance from nominal.
 
-        A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the share
-        of an effect that the base's own uncertainty explains. Both are zero for α and effects.
+        A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the
+        share of an effect that the base's own uncertainty explains.
+
+        Args:
+          x: Parameters, shape (n,).
+          effects: Effects in the model.
+
+        Returns:
+          Precision and distance, both in the parameter's scale and of shape (n,); zero for α and effects.
         """
         n = len(self.replay.base)
         precision, distance = np.zeros(len(x)), np.zeros(len(x))
@@ -121,10 +128,12 @@ class Problem:
         return found
 
     def whitened(self, mismatch: Array) -> Array:
-        """Mismatch in units of noise, 0 where masked; each run's offset is removed by its prior.
+        """Express a mismatch in units of noise, 0 where masked; each run's offset is removed by its prior.
 
-        A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks. The mismatch
-        is measured − predicted, shape (blocks, channels), NaN where masked.
+        A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks.
+
+        Args:
+          mismatch: Measured − predicted, shape (blocks, channels), NaN where masked.
         """
         r = np.nan_to_num(mismatch / self.noise)
         for c, channel in enumerate(self.replay.channels):
@@ -154,9 +163,13 @@ class Problem:
         return [self.whitened(m) for m in self.mismatches(xs, effects, curves)]
 
     def losses(self, residual: Array) -> Array:
-        """Pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1), shape (blocks,).
+        """Compute the pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1).
 
-        r is the whitened mismatch, shape (blocks, channels).
+        Args:
+          residual: Whitened mismatch r, shape (blocks, channels).
+
+        Returns:
+          Shape (blocks,).
         """
         d = self.huber_scale
         return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
@@ -199,9 +212,15 @@ class Problem:
 
 
 def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:
-    """Square roots of the weights of iteratively reweighted least squares, shape (blocks × channels,).
+    """Square roots of the weights of iteratively reweighted least squares.
 
-    For the whitened mismatch, shape (blocks, channels), and 0 for blocks that are not used, shape (blocks,).
+    Args:
+      problem: Gives the Huber scale.
+      residual: Whitened mismatch, shape (blocks, channels).
+      used: Blocks that count, shape (blocks,); the others get weight 0.
+
+    Returns:
+      Shape (blocks × channels,).
     """
     w = (1.0 + (residual / problem.huber_scale) ** 2) ** -0.25
     return (w * used[:, None]).ravel()

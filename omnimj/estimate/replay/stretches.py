@@ -22,7 +22,11 @@ _GAP = 3.5  # sample periods between two samples from which on a gap is assumed
 def white_noise(values: Sequence[Array]) -> float:
     """Standard deviation of white noise from third differences; that of quantisation where it is larger.
 
-    Each stretch without gaps has samples of shape (samples,); the result is in the unit of the channel.
+    Args:
+      values: Samples of a channel, shape (samples,) per stretch without gaps.
+
+    Returns:
+      Standard deviation, in the unit of the channel.
     """
     changes = np.concatenate([np.diff(v, 3) for v in values])
     spread = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745 / np.sqrt(20.0)

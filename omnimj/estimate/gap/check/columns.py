@@ -53,7 +53,11 @@ def _is_place(name: str) -> bool:
 
 
 def moving_mask(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Mask of samples at which a speed or change of place exceeds a twentieth of its largest, shape (n,)."""
+    """Mask of samples in motion: some speed, or change of a position, exceeds a twentieth of its largest.
+
+    Returns:
+      Shape (n,).
+    """
     found = np.zeros(len(run.time), bool)
     for name in names:
         if name in run.columns:
@@ -101,7 +105,14 @@ def _is_within(found: Suspicion, stale: Sequence[Suspicion]) -> bool:
 
 
 def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First samples and lengths of the stretches of equal values, shape (stretches,), of shape (n,)."""
+    """Find stretches of equal values in a channel.
+
+    Args:
+      values: Samples of the channel, shape (n,).
+
+    Returns:
+      First samples and lengths of the stretches, both of shape (stretches,).
+    """
     starts = equal_stretches(values)
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
@@ -245,7 +256,14 @@ def counter_modulus(size: float, usual: float) -> float:
 
 
 def unwrap_counter(values: Array) -> Array:
-    """Continuous readings of a counter without its jumps, shape (n,) [unit of the channel]."""
+    """Remove the jumps of a counter.
+
+    Args:
+      values: Readings of the counter, shape (n,).
+
+    Returns:
+      Continuous readings, shape (n,) [unit of the channel].
+    """
     at, size = counter_jumps(values)
     if not at.size:
         return values

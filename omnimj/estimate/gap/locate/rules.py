@@ -81,7 +81,11 @@ class Rule:
 def bin_edges(values: Array) -> Array:
     """Edges of bins of about equal counts, each moved into the widest gap near it.
 
-    Increasing, shape (at most `BINS` − 1,); empty where all values, shape (n,), NaN left out, are equal.
+    Args:
+      values: Shape (n,), NaN left out.
+
+    Returns:
+      Increasing, shape (at most `BINS` − 1,); empty where all values are equal.
     """
     ordered = np.sort(values[np.isfinite(values)])
     if len(ordered) < 2 or ordered[-1] <= ordered[0]:
@@ -164,7 +168,10 @@ def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], floa
 def best_rule(energy: Array, variable: Variable, among: BlockMask) -> Rule:
     """Rule of one variable that holds most of the mismatch in few of the blocks.
 
-    Squared mismatch in units of noise and mask of the blocks to use have shape (blocks,).
+    Args:
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      variable: The variable.
+      among: Mask of the blocks to use, shape (blocks,).
     """
     held, taken = bin_shares(energy, variable, among)
     return Rule(variable, *best_bins(held - taken, variable))

@@ -85,9 +85,15 @@ def choose_heldout(groups: Groups, seed: int, names: tuple[str, ...] = ()) -> ND
 
 
 def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDArray[np.bool_]]:
-    """Masks of the blocks left out in each fold, shape (blocks,) each.
+    """Masks of the blocks left out in each fold; together they cover the blocks of the training groups.
 
-    Together they cover the blocks of the groups to fit to, a mask of shape (count,).
+    Args:
+      groups: All groups.
+      train: Groups to fit to, shape (count,).
+      seed: Seed of the draw.
+
+    Returns:
+      One mask of shape (blocks,) per fold.
     """
     inside = np.flatnonzero(train)
     order = np.random.default_rng(seed + 1).permutation(inside)
@@ -124,7 +130,9 @@ def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
 def heldout_gain(before: Array, after: Array) -> Interval:
     """1 − √(Σ after/Σ before) over groups, with a 90 % interval from a bootstrap over whole groups.
 
-    Both are held-out losses per group, shape (groups,).
+    Args:
+      before: Held-out loss per group, shape (groups,).
+      after: Held-out loss per group of the other model, shape (groups,).
     """
     value = 1.0 - np.sqrt(after.sum() / before.sum())
     count = len(before)
@@ -138,7 +146,9 @@ def heldout_gain(before: Array, after: Array) -> Interval:
 def paired_t(worse: Array, better: Array) -> float:
     """t statistic of the paired difference of two models' held-out losses; large: `better` is better.
 
-    Both are losses per group, shape (groups,).
+    Args:
+      worse: Held-out loss per group, shape (groups,).
+      better: Held-out loss per group of the other model, shape (groups,).
     """
     difference = worse - better
     spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
