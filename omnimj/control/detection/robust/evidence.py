@@ -34,6 +34,7 @@ from omnimj.control.detection.robust.glr import (
     clear_scores,
     coloured_variance,
     initial_history,
+    inverted,
     likelihood_ratios,
     no_scores,
     update_usual_level,
@@ -335,7 +336,7 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
             _learn(robot, evidence, model.walk, noise, row)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(robot, evidence, model.walk, noise, row, quiet and not accommodation.relearning)
-        precision = np.linalg.inv(cov + np.diag(model.short_term))
+        precision = inverted(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
         evidence.scores.likelihood[:] /= noise
