@@ -124,7 +124,7 @@ class CompiledRun(_Run):
         m = plant.reset()
         start = controller.start(m)
         # the loop changes record and evidence in place
-        self.state = start._replace(record=copied(start.record), evidence=start.evidence.copy())
+        self.state = start._replace(record=copied(start.record), evidence=copied(start.evidence))
         columns = np.column_stack([reference.position, reference.heading, reference.velocity])
         self._plan = Plan(columns, np.ascontiguousarray(reference.yaw_rate, float))
         readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
