@@ -29,7 +29,7 @@ class Transport(Protocol):
 
     @property
     def drops(self) -> DropCounts:
-        """What arrived and is no packet: oversized datagrams, broken stuffing."""
+        """Received data that are no packet: oversized datagrams, broken stuffing."""
         ...
 
     @property
@@ -64,7 +64,7 @@ class Listener(Protocol):
 
     @property
     def drops(self) -> DropCounts:
-        """What arrived and is no packet: oversized datagrams, broken stuffing."""
+        """Received data that are no packet: oversized datagrams, broken stuffing."""
         ...
 
     @property
@@ -107,7 +107,7 @@ class SinglePeerListener:
 
     @property
     def drops(self) -> DropCounts:
-        """What arrived on the transport and is no packet."""
+        """Data received on the transport that are no packet."""
         return self._transport.drops
 
     @property

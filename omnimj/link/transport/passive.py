@@ -14,7 +14,7 @@ class PassiveTransport:
 
     @property
     def drops(self) -> DropCounts:
-        """What arrived and is no packet."""
+        """Received data that are no packet."""
         return self._listener.drops
 
     @property
