@@ -197,13 +197,18 @@ class CompiledState(NamedTuple):
 
     record: Record
     """Packed `ControlFields`."""
-    evidence: Record
+    memory: Record
     """Packed `Evidence`."""
     decisions: Decisions
     estimate: FaultEstimate
     """Estimate that the mode of recovery answers to."""
     signals: int
     """Number of logged signals."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """Evidence of the force channel and the slip channel, views into the record."""
+        return opened(self.memory[0], Evidence)
 
     @property
     def log(self) -> Array:
@@ -287,8 +292,8 @@ class CompiledController:
         after = CompiledState(record, *state[1:])
         outcome = _begin_step(self.parameters, record, now)
         if outcome == _BLOCK_IS_FULL:
-            after = CompiledState(record, copied(state.evidence), *state[2:])
-            outcome = _judge_and_end(self.parameters, self.constants, record, after.evidence, now)
+            after = CompiledState(record, copied(state.memory), *state[2:])
+            outcome = _judge_and_end(self.parameters, self.constants, record, after.memory, now)
             if outcome == _DECISION_IS_DUE:
                 after = self.decide(after, m.time)
                 outcome = _end_step(self.parameters, record, now)
@@ -303,9 +308,8 @@ class CompiledController:
           time: End of the block [s].
         """
         detector, judged = self._detector, state.record["judged"]
-        evidence = opened(state.evidence[0], Evidence)
         decisions = decide_block(
-            detector.thresholds, evidence, judged, state.decisions, float(time), detector.channels
+            detector.thresholds, state.evidence, judged, state.decisions, float(time), detector.channels
         )
         estimate = FaultEstimate.unpack(judged["estimate"])
         if not estimate.same_faults_as(state.estimate):

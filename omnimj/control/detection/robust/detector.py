@@ -60,13 +60,18 @@ class RobustState(NamedTuple):
 
     samples: Record
     """Packed `Samples`."""
-    evidence: Record
+    memory: Record
     """Packed `Evidence`."""
     judged: Record
     """Packed `Judgement`."""
     decisions: Decisions
     fault_estimate: FaultEstimate | None = None
     """None before the first block."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """Evidence of the force channel and the slip channel, views into the record."""
+        return opened(self.memory[0], Evidence)
 
     @property
     def reconfiguration(self) -> None:
@@ -91,7 +96,7 @@ class RobustState(NamedTuple):
     @property
     def statistics(self) -> Statistics:
         """Test statistics of the last block."""
-        evidence = opened(self.evidence[0], Evidence)
+        evidence = self.evidence
         n = len(evidence.force)
         likelihood = evidence.scores.likelihood
         return Statistics(
@@ -151,7 +156,7 @@ class RobustDetector:
         if np.abs(measurement.wheel_speed).max() > REST_WHEEL_SPEED:
             rolling, turning = measurement.wheel_speed, float(measurement.yaw_rate - bias)
             included = np.ones(self.wheels, bool)
-            _roll_velocities(self.constants.robot, rolling, turning, included, state.evidence)
+            _roll_velocities(self.constants.robot, rolling, turning, included, state.memory)
         return state
 
     def resume(self, state: RobustState, measurement: Measurement, bias: float, is_long: bool) -> RobustState:
@@ -186,7 +191,7 @@ class RobustDetector:
 
     def _judge(self, state: RobustState, samples: Record, measurement: Measurement) -> RobustState:
         """State after a full block."""
-        evidence, judged, decisions = copied(state.evidence), copied(state.judged), state.decisions
+        evidence, judged, decisions = copied(state.memory), copied(state.judged), state.decisions
         time = float(measurement.time)
         if _judge_block(self.packed_constants, samples, evidence, judged, measurement.yaw, time):
             found = opened(evidence[0], Evidence)

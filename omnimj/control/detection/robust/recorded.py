@@ -153,7 +153,7 @@ class RecordedObservation:
         self._detector, self._rows, self._decisions = detector, rows, state.decisions
         self._watch = watch
         self._constants = _Constants(detector.packed_sampling, detector.packed_constants)
-        start = (copied(state.samples), copied(state.evidence), copied(state.judged))
+        start = (copied(state.samples), copied(state.memory), copied(state.judged))
         place = np.array([0, 0, state.blocks])
         self._memory = _Memory(*start, np.array(rest, float), place)
 

@@ -81,7 +81,7 @@ def test_a_reading_that_comes_again_changes_nothing():
     assert once[-1].blocks == again[-1].blocks
     assert np.array_equal(once[-1].log, again[-1].log)
     before = observed([*readings(driven(), rows), *readings(driven(), rows[-50:-1])])[-1]
-    assert np.array_equal(once[-1].evidence["velocity"], before.evidence["velocity"])
+    assert np.array_equal(once[-1].evidence.velocity, before.evidence.velocity)
 
 
 @pytest.mark.parametrize("lost", [6, 30, 90, 300])
