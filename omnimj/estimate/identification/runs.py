@@ -83,7 +83,7 @@ def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, floa
     """Compute the dry [N] and the viscous resistance [N.s/m] of the carriage, Eqs. 4.12-4.18.
 
     The measured friction of the rail, the rolling resistance and, while the gantry moves at some speed [m/s],
-    the additional load of the rail from the friction of the rollers; the mass is m_T of the quarter body [kg].
+    the load that the friction of the rollers adds to the rail; the mass is m_T of the quarter body [kg].
     """
     found = rig_parameters(rig, mass)
     dry, viscous = rail_friction(found, lateral_force(found, lateral_speed))
