@@ -192,7 +192,7 @@ def cases() -> Iterator[Case]:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of a case."""
+    """Measurements of one case."""
 
     case: Case
     rolling: Rolling

@@ -30,7 +30,7 @@ from omnimj.control.detection.robust.blocks import (
     take_sample,
 )
 from omnimj.control.detection.robust.detector import RobustDetector
-from omnimj.control.detection.robust.evidence import Evidence, initial_evidence
+from omnimj.control.detection.robust.evidence import Evidence, RobustParameters, initial_evidence
 from omnimj.control.detection.robust.judgement import (
     Decisions,
     Judgement,
@@ -39,7 +39,7 @@ from omnimj.control.detection.robust.judgement import (
     judge_block,
 )
 from omnimj.control.detection.robust.verdict import all_diagnoses
-from omnimj.control.records import Record, copied, packed
+from omnimj.control.records import Record, copied, opened, packed
 from omnimj.control.recovery.recovery import Recovery, shorted_wheels, write_log
 from omnimj.control.recovery.step import (
     Demand,
@@ -166,7 +166,7 @@ def respond(p, x, now, good):
     return p.recovers and x.recovery.brake.any()
 
 
-_DRIVES, _BRAKES, _BLOCK_IS_FULL = range(3)  # outcomes of a step or of its beginning
+_DRIVES, _BRAKES, _BLOCK_IS_FULL, _DECISION_IS_DUE = range(4)  # outcomes of a step or of a part of it
 
 
 @kernel
@@ -179,8 +179,12 @@ def _begin_step(parameters, record, now):
 
 
 @kernel
-def _judge(constants, record, evidence, yaw, time):
-    return judge_block(constants, record[0].samples, evidence, record[0].judged, yaw, time)
+def _judge_and_end(parameters, constants, record, evidence, now):
+    """Judge the full block and end the step, unless a decision is due first. Returns an outcome."""
+    robust, x = opened(constants[0], RobustParameters), record[0]
+    if judge_block(robust, x.samples, opened(evidence[0], Evidence), x.judged, now.yaw, now.time):
+        return _DECISION_IS_DUE
+    return _BRAKES if respond(parameters[0], x, now, True) else _DRIVES
 
 
 @kernel
@@ -193,12 +197,18 @@ class CompiledState(NamedTuple):
 
     record: Record
     """Packed `ControlFields`."""
-    evidence: Evidence
+    memory: Record
+    """Packed `Evidence`."""
     decisions: Decisions
     estimate: FaultEstimate
     """Estimate that the mode of recovery answers to."""
     signals: int
     """Number of logged signals."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """Evidence of the force channel and the slip channel, views into the record."""
+        return opened(self.memory[0], Evidence)
 
     @property
     def log(self) -> Array:
@@ -239,7 +249,7 @@ class CompiledController:
             () if recovery is None else Recovery.log_names,
         )
         self.log_names = (*cascade.log_names, *parts[0], *parts[1])
-        self.wheels, self.constants = cascade.wheels, self._detector.constants
+        self.wheels, self.constants = cascade.wheels, self._detector.packed_constants
         self.parameters = packed(
             ControlParameters(
                 cascade.constants,
@@ -262,7 +272,7 @@ class CompiledController:
             np.zeros(self._signals),
         )
         return CompiledState(
-            packed(fields), initial_evidence(n), Decisions(), judgement.estimate, len(self.log_names)
+            packed(fields), packed(initial_evidence(n)), Decisions(), judgement.estimate, len(self.log_names)
         )
 
     def reset_cascade(self, state: CompiledState, measurement: Measurement) -> CompiledState:
@@ -282,10 +292,11 @@ class CompiledController:
         after = CompiledState(record, *state[1:])
         outcome = _begin_step(self.parameters, record, now)
         if outcome == _BLOCK_IS_FULL:
-            after = after._replace(evidence=state.evidence.copy())
-            if _judge(self.constants, record, after.evidence, m.yaw, m.time):
+            after = CompiledState(record, copied(state.memory), *state[2:])
+            outcome = _judge_and_end(self.parameters, self.constants, record, after.memory, now)
+            if outcome == _DECISION_IS_DUE:
                 after = self.decide(after, m.time)
-            outcome = _end_step(self.parameters, record, now)
+                outcome = _end_step(self.parameters, record, now)
         brake = shorted_wheels(record["recovery"]["brake"][0]) if outcome == _BRAKES else ()
         return CurrentCommand(record["cascade"]["current"][0], brake), after
 

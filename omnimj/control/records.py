@@ -8,9 +8,13 @@ many records: one per trial of a batch.
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+from typing import Any, get_type_hints
 
 import numpy as np
+from numba.core import cgutils, types
+from numba.extending import intrinsic, overload
+from numba.np.arrayobj import make_array, populate_array
 from numpy.typing import NDArray
 
 Record = NDArray[np.void]
@@ -59,7 +63,7 @@ def copied(record: Record) -> Record:
     numpy copies nested records field by field, and numba looks up the type of an equal but not identical
     dtype slowly: both cost several microseconds a step.
     """
-    return np.frombuffer(bytearray(record.tobytes()), record.dtype)
+    return np.frombuffer(bytearray(record.view(np.uint8)), record.dtype)
 
 
 def packed_like(record: Record, value: Any) -> Record:
@@ -76,3 +80,87 @@ def assign(record: Any, value: Any) -> None:
             assign(record[name], field)
         else:
             record[name] = field
+
+
+@functools.cache
+def _nested(kind: Any) -> dict[str, Any]:
+    """NamedTuples among the fields of a NamedTuple."""
+    hints = get_type_hints(kind)
+    return {name: hints[name] for name in kind._fields if hasattr(hints[name], "_fields")}
+
+
+def opened(record: Any, kind: Any) -> Any:
+    """Fields of a record as the NamedTuple that it was packed from; arrays are views.
+
+    Kernels that take the NamedTuple serve records of any size then: shapes are part of a record's type, and
+    each kernel that takes a record is compiled anew for every number of wheels.
+
+    Args:
+      record: Element of a `Record`, `record[0]`; here or in a kernel.
+      kind: Class of the NamedTuple, whose numbers are copied and whose masks are arrays of 0 and 1.
+    """
+    nested = _nested(kind)
+    fields = ((name, record[name]) for name in kind._fields)
+    return kind._make(opened(field, nested[name]) if name in nested else field for name, field in fields)
+
+
+@overload(opened)
+def _opened_in_kernels(record, kind):
+    if isinstance(record, types.Record) and isinstance(kind, types.NamedTupleClass):
+        return lambda record, kind: _views(record, kind)
+    return None
+
+
+_intrinsic: Any = intrinsic  # hides signatures from type checkers
+
+
+@_intrinsic
+def _views(typingctx, record, kind):
+    tuple_type = _tuple_type(record, kind.instance_class)
+
+    def codegen(context, builder, signature, arguments):
+        return _tuple_of_views(context, builder, record, tuple_type, arguments[0])
+
+    return tuple_type(record, kind), codegen
+
+
+def _tuple_type(record: Any, kind: Any) -> Any:
+    nested, fields = _nested(kind), []
+    for name in kind._fields:
+        field = record.typeof(name)
+        if name in nested:
+            field = _tuple_type(field, nested[name])
+        elif isinstance(field, types.NestedArray):
+            field = types.Array(field.dtype, field.ndim, "C")
+        fields.append(field)
+    return types.BaseTuple.from_types(fields, kind)
+
+
+def _tuple_of_views(context, builder, record, tuple_type, value):
+    """Code that fills a tuple from a record: pointers into it, shapes and strides from its type."""
+    found = []
+    for name, wanted in zip(tuple_type.fields, tuple_type.types, strict=True):
+        field = record.typeof(name)
+        if isinstance(wanted, types.BaseTuple):
+            inner = context.get_getattr(record, name)(context, builder, record, value, name)
+            found.append(_tuple_of_views(context, builder, field, wanted, inner))
+        elif isinstance(wanted, types.Array):
+            number = context.get_data_type(wanted.dtype)
+            view = make_array(wanted)(context, builder)
+            lengths, strides = (
+                cgutils.pack_array(builder, [context.get_constant(types.intp, k) for k in numbers])
+                for numbers in (field.shape, field.strides)
+            )
+            populate_array(
+                view,
+                data=cgutils.get_record_member(builder, value, record.offset(name), number),
+                shape=lengths,
+                strides=strides,
+                itemsize=context.get_constant(types.intp, context.get_abi_sizeof(number)),
+                meminfo=None,
+                parent=None,
+            )
+            found.append(view._getvalue())
+        else:
+            found.append(context.get_getattr(record, name)(context, builder, record, value, name))
+    return context.make_tuple(builder, tuple_type, found)

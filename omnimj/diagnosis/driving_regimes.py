@@ -36,7 +36,7 @@ class Regime:
     words: str
     """Such as `braking` or `accelerating sideways`."""
     largest: int
-    """How many of the largest values lie in it."""
+    """Number of the largest values that lie in it."""
     of: int
     """Number of largest values."""
     share: float

@@ -5,7 +5,7 @@ determine where an amplitude acts and have no effect without it. On the rig the 
 carriage; on a robot the forces act at the hub, along the driving direction of the wheel.
 
 Kernels take `EffectTerms`. Per wheel, and in the memory of a compiled MuJoCo model, they are a packed row of
-`TERMS` numbers, read with `terms_at`.
+`TERMS` numbers, read with `terms_at`, of a wheel of several with `terms_of_wheel`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnimj.physics.motor import MotorParameters, achievable_current, stick_or_slip
-from omnimj.physics.native import first_numbers, kernel
+from omnimj.physics.native import first_numbers, inlined, kernel, row_numbers
 
 
 class EffectTerms(NamedTuple):
@@ -152,6 +152,12 @@ def terms_at(row):
     """`EffectTerms` of a packed row, shape (TERMS,)."""
     scalars = first_numbers(row, _SCALARS)
     return EffectTerms(*(scalars + (row[_SCALARS:],)))  # noqa: RUF005 numba joins tuples this way only
+
+
+@inlined
+def terms_of_wheel(rows, i):
+    """`EffectTerms` of row i of packed rows, shape (n, TERMS)."""
+    return EffectTerms(*(row_numbers(rows, i, _SCALARS) + (rows[i, _SCALARS:],)))  # noqa: RUF005
 
 
 @kernel

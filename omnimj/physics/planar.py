@@ -23,7 +23,7 @@ from omnimj.errors import InputError
 from omnimj.parameters.floor import TRACTION_SIZE, TractionParameters
 from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.robot import Robot, roller_sin_cos
-from omnimj.physics.effect_terms import ACTIVE, TERM, apply_motor_effects, has_motor_effects, terms_at
+from omnimj.physics.effect_terms import ACTIVE, TERM, apply_motor_effects, has_motor_effects, terms_of_wheel
 from omnimj.physics.motor import MOTOR_SIZE, MotorParameters, achievable_current
 from omnimj.physics.native import first_numbers, inlined, kernel, row_numbers
 from omnimj.physics.planar_wheel import (
@@ -343,9 +343,9 @@ def _step_body(state, body, force, h, published):
 
 
 @inlined
-def _motor_now(motor, packed_terms, time, other_current):
+def _motor_now(motor, packed_terms, i, time, other_current):
     """Motor of a wheel with effects, at a given time and load of the supply."""
-    terms = terms_at(packed_terms)
+    terms = terms_of_wheel(packed_terms, i)
     if not has_motor_effects(terms):
         return motor
     return apply_motor_effects(motor, terms, time, other_current)
@@ -393,7 +393,7 @@ def step(state, command, model, h, steps, output):
             driven = driven_wheel(model, i)
             wheel, floor = driven.wheel, driven.floor
             if model.terms[i, ACTIVE] != 0.0:
-                motor = _motor_now(driven.motor, model.terms[i], now.clock[0], load - draws[i])
+                motor = _motor_now(driven.motor, model.terms, i, now.clock[0], load - draws[i])
                 driven = DrivenWheel(wheel, motor, floor, published)
             normal = _normal_force(wheel, g_x, g_y)
             ahead, aside = step_wheel(i, now, command[i], driven, model.terms, normal, h, found)

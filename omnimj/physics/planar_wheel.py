@@ -19,6 +19,7 @@ from omnimj.physics.effect_terms import (
     step_backlash,
     supply_current,
     terms_at,
+    terms_of_wheel,
     traction_scale,
 )
 from omnimj.physics.motor import (
@@ -237,7 +238,7 @@ def _turn_wheel(i, state, driven, packed_terms, current, load, h):
         low, high = wheel_torque_bounds(driven, current, wheel_speed, load)
         change = (stick_or_slip(low, high, wheel_speed, wheel.inertia, other, h) + other) / wheel.inertia
     else:
-        terms = terms_at(packed_terms[i])
+        terms = terms_of_wheel(packed_terms, i)
         low, high = motor_torque_bounds(driven.motor, current, wheel_speed + rate, driven.published)
         dry = axle_dry_friction(terms, low, high)
         other += axle_torque(terms, state.angle[i] + gap, wheel_speed + rate, h)
@@ -283,7 +284,7 @@ def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
     traction = normal * grip * force_ratio(driven.floor, mean, slip, rate)
     added = 0.0
     if packed_terms[i, ACTIVE] != 0.0:
-        terms = terms_at(packed_terms[i])
+        terms = terms_of_wheel(packed_terms, i)
         place, time = _world_x(wheel, state.pose), state.clock[0]
         traction *= traction_scale(terms, place)
         added = hub_force(terms, along, place, time, across, state.angle[i], wheel_speed, h)

@@ -85,21 +85,23 @@ def time_after_use(time: Array, used: NDArray[np.bool_], seconds: float = LONG_U
     return first_time(time, np.cumsum(used) * period >= seconds)
 
 
-def held_slip(fault: Fault, trace: Trace) -> float:
-    """Return the largest |V_r| that the faulty wheel holds for `HOLD_TIME` while its fault is present.
+def held_slip(trace: Trace, wheel: int, begin: float, end: float) -> float:
+    """Return the largest |V_r| that a wheel holds for `HOLD_TIME` between two times.
 
     max_t min_{t ≤ τ < t + T} |V_r(τ)|, with T = `HOLD_TIME`.
 
     Args:
-      fault: Fault of one wheel.
-      trace: Trace of a run with the fault.
+      trace: Trace with the columns of truth.
+      wheel: Wheel 1…n.
+      begin: First time [s].
+      end: Time that follows the last one; ∞: that of the whole run [s].
 
     Returns:
       Slip velocity [m/s]; 0 for a run that is shorter than T.
     """
     time = trace["time"]
-    present = (time >= fault.onset - 1e-9) & (time < (math.inf if fault.end is None else fault.end))
-    slip = np.where(present, np.abs(trace[f"slip_velocity_{fault.wheel}"]), 0.0)
+    present = (time >= begin - 1e-9) & (time < end)
+    slip = np.where(present, np.abs(trace[f"slip_velocity_{wheel}"]), 0.0)
     rows = max(1, round(HOLD_TIME / (time[1] - time[0]))) if len(time) > 1 else 1
     if len(slip) < rows:
         return 0.0

@@ -58,7 +58,7 @@ _MOST_RUNS = 30  # rows of a table
 
 
 class Summary(NamedTuple):
-    """What a notebook shows of a record."""
+    """HTML that a notebook shows for a record."""
 
     title: str
     verdict: str = ""
@@ -106,7 +106,7 @@ def _drawing(figure: Figure) -> Drawing:
 
 @singledispatch
 def summarize(record: Any) -> Summary:
-    """What a notebook shows of a record of this type."""
+    """HTML that a notebook shows for a record of this type."""
     raise TypeError(f"no table for {type(record).__name__}")
 
 

@@ -80,7 +80,7 @@ def twin_text(robot: WheeledRobot) -> str:
 
 
 def _no_twin(robot: WheeledRobot) -> tuple[str, ...]:
-    """What of a robot the twin has not, and what it has; empty where it has all.
+    """Parts of a robot that the twin lacks, and what it has instead; empty where it has all.
 
     The twin's mecanum wheel has the radius and the angle of any other, and its own number of rollers, which
     shows in the ripple of the hub alone.

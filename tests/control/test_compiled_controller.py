@@ -100,9 +100,9 @@ def test_a_step_leaves_the_state_before_it_as_it_was():
     measured, target = plant.reset(), Target(np.array((0.4, 0.0)), 0.0, 0.0)
     state = controller.start(measured)
     for _ in range(35):
-        record, theta = state.record.tobytes(), state.evidence.theta.copy()
+        record, memory = state.record.tobytes(), state.memory.tobytes()
         command, after = controller.step(state, measured, target)
-        assert state.record.tobytes() == record and np.array_equal(state.evidence.theta, theta)
+        assert state.record.tobytes() == record and state.memory.tobytes() == memory
         again, _ = controller.step(state, measured, target)
         assert np.array_equal(again.current, command.current), "the same input gives the same command"
         measured, state = plant.step(command), after

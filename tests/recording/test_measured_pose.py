@@ -170,11 +170,11 @@ def test_the_twin_is_recorded_with_a_measured_pose_at_a_stated_rate(tmp_path, mo
 
     planned = recording.planned_runs
     monkeypatch.setattr(recording, "planned_runs", lambda *a, **k: planned(*a, **k)[:1])
-    argv = ["record", "robot_missions", "--plant", "planar", "--model", "three_wheel", "--pose-rate", "40"]
+    argv = ["record", "robot_missions", "--plant", "planar", "--pose-rate", "40"]
     assert main([*argv, "--out", str(tmp_path / "set")]) == 0
     dataset = read_dataset(tmp_path / "set")
     (run,) = dataset.runs
-    assert dataset.pose_measured and dataset.wheels == 3 and "yaw" not in run.columns
+    assert dataset.pose_measured and dataset.wheels == 4 and "yaw" not in run.columns
     assert np.diff(run.time) == pytest.approx(0.025)
     assert main(["record", "rig_currents", "--pose-rate", "40", "--out", str(tmp_path / "rig")]) == 2
     assert "--pose-rate: rig_currents records quarter_rig; only robots have a pose" in capsys.readouterr().err

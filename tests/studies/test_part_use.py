@@ -82,11 +82,11 @@ def test_a_slip_counts_as_far_as_it_is_held_for_twenty_milliseconds_in_either_di
     slip = np.zeros_like(TIME)
     slip[300:319], slip[500:520], slip[600:640] = 0.9, -0.3, 0.1
     slip[800:900] = 0.5
-    trace, fault = traced(slip_velocity_2=slip), Fault("slip", 0.2, 0.7, wheel=2)
-    assert held_slip(fault, trace) == 0.3
-    assert held_slip(Fault("slip", 0.2, wheel=2), trace) == 0.5
-    assert held_slip(Fault("slip", 0.505, 0.7, wheel=2), trace) == 0.1
-    assert held_slip(Fault("slip", 0.95, wheel=2), trace) == 0.0
+    trace = traced(slip_velocity_2=slip)
+    assert held_slip(trace, 2, 0.2, 0.7) == 0.3
+    assert held_slip(trace, 2, 0.2, np.inf) == 0.5
+    assert held_slip(trace, 2, 0.505, 0.7) == 0.1
+    assert held_slip(trace, 2, 0.95, np.inf) == 0.0
 
 
 def test_departures_are_the_largest_differences_since_the_onset_whatever_the_target():

@@ -43,7 +43,7 @@ class DrivenRun:
 
 @dataclass(frozen=True)
 class RunNumbers:
-    """What a measured run and its simulation differ by."""
+    """Differences between a measured run and its simulation."""
 
     run: str
     plant: str

@@ -25,7 +25,7 @@ _MOVING = 0.02  # [m/s] at the rim
 
 
 class Drive(NamedTuple):
-    """What a measured run gives its simulation."""
+    """Inputs that a measured run gives its simulation."""
 
     run: Run
     floor: str

@@ -104,7 +104,7 @@ class BodyMotion(NamedTuple):
     """Motion of the body's origin at m rows, in the body frame."""
 
     acceleration: Array
-    """What an accelerometer at the origin feels on level ground, shape (m, 2) [m/s²]."""
+    """Readings of an ideal accelerometer at the origin on level ground, shape (m, 2) [m/s²]."""
     yaw_rate: Array
     """Shape (m,) [rad/s]."""
     yaw_acceleration: Array

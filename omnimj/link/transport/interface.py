@@ -34,7 +34,7 @@ class Wire(Protocol):
 
     @property
     def drops(self) -> DropCounts:
-        """What arrived and is no packet: oversized datagrams, broken stuffing."""
+        """Received data that are no packet: oversized datagrams, broken stuffing."""
         ...
 
     @property
@@ -93,7 +93,7 @@ class _OnWire(Generic[W]):
 
     @property
     def drops(self) -> DropCounts:
-        """What arrived and is no packet."""
+        """Received data that are no packet."""
         return self._wire.drops
 
     @property

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from omnimj.control.compiled import Reading, respond, take_reading
 from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
 from omnimj.control.detection.robust.judgement import judge_block
-from omnimj.control.records import Record
+from omnimj.control.records import Record, opened
 from omnimj.control.recovery.step import Demand
 from omnimj.physics.native import inlined, kernel
 from omnimj.signals import RIG_CHANNELS, Array
@@ -28,11 +28,12 @@ class ControllerArrays(NamedTuple):
 
     parameters: Record
     """Packed `ControlParameters`."""
-    constants: RobustParameters
+    constants: Record
+    """Packed `RobustParameters`."""
     record: Record
     """Packed `ControlFields`, changed in place."""
-    evidence: Evidence
-    """Changed in place."""
+    evidence: Record
+    """Packed `Evidence`, changed in place."""
 
 
 class Plan(NamedTuple):
@@ -108,8 +109,9 @@ def control_period(controller, run, plan, output, time):
     )
     if not run.decided:
         run.good, full = take_reading(p, x, now)
-        evidence = controller.evidence
-        if full and judge_block(controller.constants, x.samples, evidence, x.judged, now.yaw, time):
+        constants = opened(controller.constants[0], RobustParameters)
+        evidence = opened(controller.evidence[0], Evidence)
+        if full and judge_block(constants, x.samples, evidence, x.judged, now.yaw, time):
             run.decided = True
             return True
     run.decided = False

@@ -123,8 +123,8 @@ class CompiledRun(_Run):
         self._loop, self._plant, self._controller = loop, plant, controller
         m = plant.reset()
         start = controller.start(m)
-        # the loop changes record and evidence in place
-        self.state = start._replace(record=copied(start.record), evidence=start.evidence.copy())
+        # the loop changes record and memory in place
+        self.state = start._replace(record=copied(start.record), memory=copied(start.memory))
         columns = np.column_stack([reference.position, reference.heading, reference.velocity])
         self._plan = Plan(columns, np.ascontiguousarray(reference.yaw_rate, float))
         readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
@@ -140,7 +140,7 @@ class CompiledRun(_Run):
         while True:
             arrays, state = plant.arrays(), self.state
             controlled = ControllerArrays(
-                controller.parameters, controller.constants, state.record, state.evidence
+                controller.parameters, controller.constants, state.record, state.memory
             )
             reason = self._loop(
                 arrays, controlled, self._progress, self._plan, output, plant.next_change, end

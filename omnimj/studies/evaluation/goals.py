@@ -89,6 +89,8 @@ def _alarms(summary: Summary) -> Iterator[GoalResult]:
         met = bounded or found.events == 0  # 0 in 30 h bounds it by 0.1/h
         sure = bounded or not met or found.hours >= hours - 1e-6
         yield _events(f"false alarms, fault-free, {plant}", goal, found, met, sure)
+    slipped = summary.slipping_alarms
+    yield _events("… of which slips of wheels that slip at 5 cm/s or more", "", slipped, None, True)
     before = summary.alarms_before
     yield _events("… with the time before onsets", "", before, None, True)
     cases = summary.cases_with_alarms

@@ -16,6 +16,8 @@ from omnimj.studies.random_truth import ALL_CLASSES, NONE, TWO
 AMBIGUOUS, SEVERAL = "ambiguous", "several"
 HEADING_FLOOR = 0.0015
 """Lower limit of a heading excursion in ratios, one step of the heading converter [rad]."""
+SLIPPING = 0.05
+"""Slip velocity, held for `part_use.HOLD_TIME`, from which a wheel counts as slipping [m/s]."""
 PATH_FLOOR = 0.005
 """Lower limit of a path excursion in ratios [m]."""
 
@@ -60,6 +62,8 @@ class CaseScore:
     isolated: bool | None
     """True if exactly the true faults were diagnosed, see `simulate.judging`; None without a fault."""
     false_alarms: int
+    slipping_alarms: int
+    """Those of them, in a case without a fault, that diagnose the slip of a wheel that held `SLIPPING`."""
     early_alarms: int
     """Number of false alarms before the first onset."""
     healthy_hours: float
@@ -141,6 +145,7 @@ def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
         diagnosed=diagnosed_label(case, diagnoses),
         isolated=verdict.isolated,
         false_alarms=verdict.false_alarms,
+        slipping_alarms=sum((slip or 0.0) >= SLIPPING for slip in result["method"].get("slips", ())),
         early_alarms=len(early) if case.faults else 0,
         healthy_hours=min(onset, case.duration) / 3600.0,
         delay=delay,

@@ -9,12 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from omnimj.studies.evaluation.scoring import CaseScore
+from omnimj.studies.evaluation.scoring import SLIPPING, CaseScore
 from omnimj.studies.statistics import Rate, median, rate
 
-SLIPPING = 0.05
-"""Slip velocity, held for `part_use.HOLD_TIME` without any method, from which a wheel counts as slipping
-[m/s]."""
 _LITTLE_GRIP = 0.3
 
 
@@ -34,7 +31,7 @@ class SlipSummary:
     """Cases whose only fault is a slip of one wheel, by the slip reached without any method."""
 
     slipping: Rate
-    """Share of these cases whose wheel reaches `SLIPPING`."""
+    """Share of these cases whose wheel reaches `SLIPPING` without any method."""
     isolated: Rate
     """Share of isolated slips among those that reach it."""
     isolated_low_grip: Rate

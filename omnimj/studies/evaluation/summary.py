@@ -112,6 +112,8 @@ class Summary:
     """False alarms in fault-free cases."""
     quiet: Mapping[str, EventRate]
     """False alarms in fault-free cases by plant."""
+    slipping_alarms: EventRate
+    """Those of them that diagnose the slip of a wheel that did slip: the floor had less grip than needed."""
     alarms_before: EventRate
     """False alarms in fault-free cases and before the first onset of the others."""
     cases_with_alarms: Rate
@@ -172,6 +174,7 @@ def summarize(scores: Sequence[CaseScore]) -> Summary:
             plant: _alarms([s for s in healthy if s.plant == plant])
             for plant in sorted({s.plant for s in healthy})
         },
+        slipping_alarms=event_rate(sum(s.slipping_alarms for s in healthy), sum(s.hours for s in healthy)),
         alarms_before=event_rate(
             sum(s.false_alarms if s.fault == NONE else s.early_alarms for s in scores),
             sum(s.healthy_hours for s in scores),

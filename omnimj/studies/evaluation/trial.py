@@ -6,7 +6,8 @@ Controller and method are made for the nominal robot and floor, the plant for th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -45,6 +46,8 @@ from omnimj.studies.runner import guarded
 OFF = "off"
 RECORDINGS = "recordings"
 """Folder of the recorded dataset inside that of the evaluation."""
+SLIP_MEMORY = 0.5
+"""Time before a diagnosis of slip within which its wheel must slip, for the diagnosis to be true [s]."""
 _PLANT = "uto_robot"
 
 
@@ -68,8 +71,9 @@ def drive_case(
       gains: Gains of cascade, recovery and observer in all runs of the case; the shipped ones when None.
 
     Returns:
-      Facts for scoring. `case`: the truth. `method`: diagnoses, and with a fault the excursions of heading
-      [rad] and path [m] since its onset, and whether the recovery gave the heading up since then. `off`: the
+      Facts for scoring. `case`: the truth. `method`: diagnoses; with a fault the excursions of heading [rad]
+      and path [m] since its onset, and whether the recovery gave the heading up since then; without any the
+      slip velocity that the wheels of each diagnosis of slip really held before it [m/s]. `off`: the
       same without any method (None if the method is `off`, or without a fault). `healthy`: the same without
       method and fault. `change`: largest departure of heading [rad] and position [m] of the run without any
       method from the healthy one. `use`: per fault the time at which its part was first in use, the estimated
@@ -128,10 +132,21 @@ def make_true_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> 
 
 
 def _summarize_run(trace: Trace, onset: float | None) -> dict[str, Any]:
-    heading, path = (None, None) if onset is None else excursions(trace, onset)
-    gave_up = onset is not None and _gave_up_heading(trace, onset)
     diagnoses = trace.about["diagnoses"]
+    if onset is None:
+        slips = [_slip_before(trace, one) for one in diagnoses]
+        return {"diagnoses": diagnoses, "heading": None, "path": None, "slips": slips}
+    heading, path = excursions(trace, onset)
+    gave_up = _gave_up_heading(trace, onset)
     return {"diagnoses": diagnoses, "heading": heading, "path": path, "gave_up_heading": gave_up}
+
+
+def _slip_before(trace: Trace, diagnosis: Mapping[str, Any]) -> float | None:
+    """Return the largest slip velocity held within `SLIP_MEMORY` before a diagnosis of slip; else None."""
+    if diagnosis["kind"] != "slip":
+        return None
+    at = diagnosis["time"]
+    return max(held_slip(trace, wheel, at - SLIP_MEMORY, at) for wheel in diagnosis["wheels"])
 
 
 def _gave_up_heading(trace: Trace, onset: float) -> bool:
@@ -144,7 +159,10 @@ def _gave_up_heading(trace: Trace, onset: float) -> bool:
 
 def _slip(fault: Fault, unaided: Trace) -> dict[str, float | None]:
     """Return the slip velocity that a slipping wheel holds without any method; None for other faults."""
-    return {"slip": held_slip(fault, unaided) if fault.kind == "slip" else None}
+    if fault.kind != "slip" or fault.wheel is None:
+        return {"slip": None}
+    end = math.inf if fault.end is None else fault.end
+    return {"slip": held_slip(unaided, fault.wheel, fault.onset, end)}
 
 
 def _use(fault: Fault, healthy: Trace, diagnosed: Trace) -> dict[str, float | None]:

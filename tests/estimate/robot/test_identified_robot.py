@@ -187,6 +187,7 @@ def filmed(foreign, tmp_path_factory):
     return identify_robot(read_dataset(folder), read_robot())
 
 
+@pytest.mark.slow
 def test_a_camera_gives_the_same_robot_as_an_inertial_unit(filmed, foreign):
     assert_near_truth(filmed, foreign, 0.03, 0.03, 0.01)
     held = 0.5 * 0.01  # a picture is read by a log of 100 Hz half a step late

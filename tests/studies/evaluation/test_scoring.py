@@ -58,6 +58,13 @@ def test_without_a_fault_every_alarm_counts_however_short():
     assert score.healthy_hours == score.hours
 
 
+def test_an_alarm_of_slip_without_a_fault_counts_apart_where_the_wheel_did_slip():
+    alarms = [diagnosis(5.0, "slip", 1), diagnosis(6.0, "motor", 2), diagnosis(7.0, "slip", 3)]
+    method = {"diagnoses": alarms, "heading": None, "path": None, "slips": [0.05, None, 0.049]}
+    score = score_case(EMPTY, {"method": method, "off": None, "use": []})
+    assert (score.false_alarms, score.slipping_alarms) == (3, 1)
+
+
 def test_delays_count_from_onset_and_from_first_use():
     score = scored(
         case("motor", MOTOR), diagnosis(10.5, "slip", 3, cleared=10.9), diagnosis(10.7, "motor", 3)

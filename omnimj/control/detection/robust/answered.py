@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from omnimj.control.detection.robust.accommodation import DEAD
 from omnimj.control.detection.robust.decision import EFFECTIVENESS_STEP, FORGOTTEN_SLIP, may_slip
+from omnimj.control.detection.robust.evidence import CONVERTER
 from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.verdict import LOOKBACK, Verdict, is_stalled
 from omnimj.physics.native import kernel
@@ -113,7 +114,7 @@ def is_answered(thresholds, evidence, x, time):
     for k in range(x.failed.size):
         if x.failed[k] and not answered.channels[k]:
             return False
-    if not answered.yaw and not abs(evidence.yaw[0].converter) <= 0.4 * thresholds.turning:
+    if not answered.yaw and not abs(evidence.yaw[CONVERTER]) <= 0.4 * thresholds.turning:
         return False
     if not max(likelihood[2 * n], likelihood[2 * n + 1]) < other * thresholds.accelerometer:
         return False

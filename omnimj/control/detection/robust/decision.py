@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.control.detection.robust.evidence import Evidence
+from omnimj.control.detection.robust.evidence import CONVERTER, ROLLED, Evidence
 from omnimj.control.detection.robust.glr import is_friction
 from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import Thresholds
@@ -54,7 +54,7 @@ def is_uneventful(thresholds, evidence, failed):
       failed: Mask of the channels that are frozen or too noisy, shape (2n+3,).
     """
     n, likelihood, monitors = evidence.force.size, evidence.scores.likelihood, evidence.monitors
-    if failed.any() or abs(evidence.yaw[0].converter) > 0.4 * thresholds.turning:
+    if failed.any() or abs(evidence.yaw[CONVERTER]) > 0.4 * thresholds.turning:
         return False
     if max(likelihood[2 * n], likelihood[2 * n + 1]) >= thresholds.accelerometer:
         return False
@@ -148,7 +148,7 @@ def _has_yaw_fault(verdict: Verdict) -> bool:
 
 def _judge_yaw_sensors(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     """Converter and gyro differ: the one that the wheels contradict is faulty."""
-    converter, wheels = float(evidence.yaw["converter"][0]), float(evidence.yaw["wheels"][0])
+    converter, wheels = float(evidence.yaw[CONVERTER]), float(evidence.yaw[ROLLED])
     if abs(converter) < thresholds.turning or _has_yaw_fault(verdict):
         return verdict
     nearer = abs(wheels) - abs(wheels - converter)  # of the wheels to the converter than to the gyro
@@ -161,7 +161,7 @@ def _judge_yaw_sensors(evidence: Evidence, thresholds: Thresholds, verdict: Verd
 
 def _is_yaw_ambiguous(evidence: Evidence, thresholds: Thresholds, verdict: Verdict) -> bool:
     """True if gyro and converter begin to differ: wheels that follow a faulty one would look like slip."""
-    return not _has_yaw_fault(verdict) and abs(evidence.yaw["converter"][0]) > 0.4 * thresholds.turning
+    return not _has_yaw_fault(verdict) and abs(evidence.yaw[CONVERTER]) > 0.4 * thresholds.turning
 
 
 def _judge_currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:

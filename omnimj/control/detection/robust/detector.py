@@ -16,6 +16,7 @@ from omnimj.control.detection.robust.blocks import (
 )
 from omnimj.control.detection.robust.evidence import (
     Evidence,
+    RobustParameters,
     initial_evidence,
     robust_parameters,
     roll_velocities,
@@ -33,7 +34,7 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import all_diagnoses
 from omnimj.control.expected_floor import largest_drag
 from omnimj.control.gains import ObserverGains
-from omnimj.control.records import Record, copied, packed
+from omnimj.control.records import Record, copied, opened, packed
 from omnimj.parameters import Floor, Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement, compiled_in, robot_channels
@@ -59,12 +60,18 @@ class RobustState(NamedTuple):
 
     samples: Record
     """Packed `Samples`."""
-    evidence: Evidence
+    memory: Record
+    """Packed `Evidence`."""
     judged: Record
     """Packed `Judgement`."""
     decisions: Decisions
     fault_estimate: FaultEstimate | None = None
     """None before the first block."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """Evidence of the force channel and the slip channel, views into the record."""
+        return opened(self.memory[0], Evidence)
 
     @property
     def reconfiguration(self) -> None:
@@ -128,7 +135,7 @@ class RobustDetector:
             self.thresholds = self.thresholds._replace(bias=largest_drag(robot, floor) / robot.body.mass)
         self.constants = robust_parameters(robot, self.period, self.thresholds, gains, floor)
         self.sampling = sampling_parameters(robot, self.period)
-        self.packed_sampling = packed(self.sampling)
+        self.packed_sampling, self.packed_constants = packed(self.sampling), packed(self.constants)
         self.channels = robot_channels(n)[:-1]
         self.log_names = log_names(n)
 
@@ -136,7 +143,7 @@ class RobustDetector:
         """State of a robot that is healthy and at rest."""
         n = self.wheels
         judged = packed(initial_judgement(n, self.thresholds))
-        return RobustState(packed(initial_samples(n)), initial_evidence(n), judged, Decisions())
+        return RobustState(packed(initial_samples(n)), packed(initial_evidence(n)), judged, Decisions())
 
     def begin(self, measurement: Measurement, bias: float = 0.0) -> RobustState:
         """State of a healthy robot that may already be moving: its velocity by the wheels.
@@ -148,9 +155,8 @@ class RobustDetector:
         state = self.start(measurement)
         if np.abs(measurement.wheel_speed).max() > REST_WHEEL_SPEED:
             rolling, turning = measurement.wheel_speed, float(measurement.yaw_rate - bias)
-            _roll_velocities(
-                self.constants.robot, rolling, turning, np.ones(self.wheels, bool), state.evidence
-            )
+            included = np.ones(self.wheels, bool)
+            _roll_velocities(self.constants.robot, rolling, turning, included, state.memory)
         return state
 
     def resume(self, state: RobustState, measurement: Measurement, bias: float, is_long: bool) -> RobustState:
@@ -185,10 +191,11 @@ class RobustDetector:
 
     def _judge(self, state: RobustState, samples: Record, measurement: Measurement) -> RobustState:
         """State after a full block."""
-        evidence, judged, decisions = state.evidence.copy(), copied(state.judged), state.decisions
+        evidence, judged, decisions = copied(state.memory), copied(state.judged), state.decisions
         time = float(measurement.time)
-        if _judge_block(self.constants, samples, evidence, judged, measurement.yaw, time):
-            decisions = decide_block(self.thresholds, evidence, judged, decisions, time, self.channels)
+        if _judge_block(self.packed_constants, samples, evidence, judged, measurement.yaw, time):
+            found = opened(evidence[0], Evidence)
+            decisions = decide_block(self.thresholds, found, judged, decisions, time, self.channels)
         estimate = FaultEstimate.unpack(judged["estimate"])
         return RobustState(samples, evidence, judged, decisions, estimate)
 
@@ -200,9 +207,10 @@ def _take_sample(parameters, samples, sample):
 
 @kernel
 def _judge_block(parameters, samples, evidence, judged, yaw, time):
-    return judge_block(parameters, samples[0], evidence, judged[0], yaw, time)
+    constants = opened(parameters[0], RobustParameters)
+    return judge_block(constants, samples[0], opened(evidence[0], Evidence), judged[0], yaw, time)
 
 
 @kernel
 def _roll_velocities(robot, wheel_speed, yaw_rate, included, evidence):
-    roll_velocities(robot, wheel_speed, yaw_rate, included, evidence)
+    roll_velocities(robot, wheel_speed, yaw_rate, included, opened(evidence[0], Evidence))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from omnimj.control.detection.robust.glr import (
     clear_scores,
     coloured_variance,
     initial_history,
+    inverted,
     likelihood_ratios,
     no_scores,
     update_usual_level,
@@ -56,7 +57,6 @@ from omnimj.control.detection.robust.wheel_monitors import (
     update_wheel_monitors,
 )
 from omnimj.control.gains import ObserverGains
-from omnimj.control.records import Record, packed
 from omnimj.control.robot_constants import RobotConstants, robot_constants
 from omnimj.parameters import Floor, Robot
 from omnimj.physics.native import inlined, kernel
@@ -74,6 +74,8 @@ SLOPE_STEP = 0.05
 """Deviation that the accelerometer's bias gains per block where a slope begins or ends [m/s²]."""
 COMPARISON_TIME = 1.0
 """Time over which converter, wheels and gyro are compared [s]."""
+HEADING, CONVERTER, ROLLED = range(3)
+"""Places of `Evidence.yaw`."""
 
 _ROLLING_DOUBT = 0.05  # [m/s] standard deviation of a velocity that only wheels measure, which may slip
 _SINGULAR = 1e-6  # determinant below which wheels along one axis say nothing about the other
@@ -92,17 +94,6 @@ class RobustParameters(NamedTuple):
     sample_period: float
     """[s]"""
     thresholds: Thresholds
-
-
-class YawComparison(NamedTuple):
-    """Turns of converter and wheels beyond the gyro's over about a second."""
-
-    yaw: float = np.nan
-    """Heading at the end of the last block; NaN before the first [rad]."""
-    converter: float = 0.0
-    """Turn by the converter beyond the gyro's [rad]."""
-    wheels: float = 0.0
-    """Turn by the wheels beyond the gyro's [rad]."""
 
 
 class Evidence(NamedTuple):
@@ -134,18 +125,9 @@ class Evidence(NamedTuple):
     velocity_cov: Array
     """Their covariances, shape (n+1, STATE, STATE)."""
     monitors: WheelMonitors
-    yaw: Record
-    """Packed `YawComparison`."""
-
-    def copy(self) -> Evidence:
-        """Copy whose arrays may be changed."""
-        return _copied(self)
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.copy()
-    return type(value)(*map(_copied, value)) if isinstance(value, tuple) else value
+    yaw: Array
+    """Heading at the end of the last block (NaN before the first), and turns of converter and wheels beyond
+    the gyro's over about a second, shape (3,) [rad]: `HEADING`, `CONVERTER`, `ROLLED`."""
 
 
 def robust_parameters(
@@ -196,7 +178,7 @@ def initial_evidence(wheels: int) -> Evidence:
         velocity=np.zeros((wheels + 1, STATE)),
         velocity_cov=np.tile(np.diag([1e-6, 1e-6, 4e-4, 4e-4]), (wheels + 1, 1, 1)),
         monitors=initial_monitors(wheels),
-        yaw=packed(YawComparison()),
+        yaw=np.array([np.nan, 0.0, 0.0]),
     )
 
 
@@ -205,18 +187,18 @@ def compare_yaw_rates(x, parameters, block, yaw):
     """Compare converter, wheels and gyro after a block.
 
     Args:
-      x: `YawComparison`, changed in place.
+      x: `Evidence.yaw`, changed in place.
       parameters: `RobustParameters`.
       block: `Block`.
       yaw: Heading at the block's end [rad].
     """
     period = block.duration
     keep = 1.0 - period / COMPARISON_TIME
-    if not math.isnan(x.yaw):
+    if not math.isnan(x[HEADING]):
         by_wheels = yaw_rate_by_wheels(parameters.turn, block.wheel_speed)
-        x.converter = keep * x.converter + wrapped(yaw - x.yaw) - period * block.yaw_rate
-        x.wheels = keep * x.wheels + period * (by_wheels - block.yaw_rate)
-    x.yaw = yaw
+        x[CONVERTER] = keep * x[CONVERTER] + wrapped(yaw - x[HEADING]) - period * block.yaw_rate
+        x[ROLLED] = keep * x[ROLLED] + period * (by_wheels - block.yaw_rate)
+    x[HEADING] = yaw
 
 
 @inlined
@@ -335,7 +317,7 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
             _learn(robot, evidence, model.walk, noise, row)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(robot, evidence, model.walk, noise, row, quiet and not accommodation.relearning)
-        precision = np.linalg.inv(cov + np.diag(model.short_term))
+        precision = inverted(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
         evidence.scores.likelihood[:] /= noise
@@ -427,8 +409,7 @@ def restart_evidence(robot, block, gap, included, evidence):
     """
     roll_velocities(robot, block.wheel_speed, block.yaw_rate, included, evidence)
     restart_monitors(evidence.monitors)
-    yaw = evidence.yaw[0]
-    yaw.yaw, yaw.converter, yaw.wheels = np.nan, 0.0, 0.0
+    evidence.yaw[HEADING], evidence.yaw[CONVERTER], evidence.yaw[ROLLED] = np.nan, 0.0, 0.0
     if gap > LONGEST_GAP:
         evidence.history.cursor[FILLED] = 0
         clear_scores(evidence.scores)
@@ -452,5 +433,5 @@ def update_evidence(parameters, block, accommodation, evidence, yaw):
     swing = np.empty(block.wheel_speed.size)
     moving = _update_force_channel(parameters, block, accommodation, evidence, swing)
     _update_slip_channel(parameters, block, accommodation, evidence, swing, moving)
-    compare_yaw_rates(evidence.yaw[0], parameters, block, yaw)
+    compare_yaw_rates(evidence.yaw, parameters, block, yaw)
     return moving

@@ -154,8 +154,10 @@ def likelihood_ratios(history, theta, precision, model, scores):
             whole[q, j] = whole[j, q]
     chol = np.linalg.cholesky(whole)
     solve_lower(chol, sums.pull[windows], solved)
+    count = scores.size.size
+    whitened = _whiten_columns(sums.gram, chol, count)
     for w in range(ended):
-        _score_window(sums, w, chol, solved, model, scores)
+        _score_window(sums, w, chol, solved, whitened[:, w * count : (w + 1) * count], model, scores)
     return sums.squares[:windows] / (3.0 * _LENGTHS)
 
 
@@ -164,29 +166,59 @@ def _sum_windows(history, theta, sums):
     """Fill the sums of each window and of the whole second; the number of windows that are full."""
     p, window, last = theta.size, 0, len(_LENGTHS)
     ring, row = history.ring, history.cursor[HEAD]
-    gram, pulled = sums.gram[last], sums.pull[last]
+    gram, pulled, squares = sums.gram[last], sums.pull[last], 0.0
     for m in range(history.cursor[FILLED]):
         block = ring[row]
-        for k in range(3):
-            away = block[3 * p + k]
-            x = block[k * p : (k + 1) * p]
-            for j in range(p):
-                away -= x[j] * theta[j]
-            sums.squares[last] += away * away
-            for j in range(p):
-                if x[j] != 0.0:
-                    pulled[j] += x[j] * away
-                    for q in range(j + 1):
-                        gram[j, q] += x[j] * x[q]
+        # the three rows of a block together: half the time of one after the other
+        r_x, r_y, r_z = block[3 * p], block[3 * p + 1], block[3 * p + 2]
+        for j in range(p):
+            r_x -= block[j] * theta[j]
+            r_y -= block[p + j] * theta[j]
+            r_z -= block[2 * p + j] * theta[j]
+        squares = squares + r_x * r_x + r_y * r_y + r_z * r_z
+        for j in range(p):
+            x, y, z = block[j], block[p + j], block[2 * p + j]
+            if x != 0.0 or y != 0.0 or z != 0.0:
+                pulled[j] = pulled[j] + x * r_x + y * r_y + z * r_z
+                for q in range(j + 1):
+                    gram[j, q] = gram[j, q] + x * block[q] + y * block[p + q] + z * block[2 * p + q]
         row = row - 1 if row > 0 else ring.shape[0] - 1
         if window < last and m + 1 == _LENGTHS[window]:
-            sums.gram[window], sums.pull[window], sums.squares[window] = gram, pulled, sums.squares[last]
+            sums.gram[window], sums.pull[window], sums.squares[window] = gram, pulled, squares
             window += 1
+    sums.squares[last] = squares
     return window
 
 
 @kernel
-def _score_window(sums, window, chol, solved, model, scores):
+def _whiten_columns(gram, chol, count):
+    """L⁻¹ Xᵀ x_h of the first columns x_h over every window, shape (p, windows × columns), windows in turn.
+
+    All of them together, since each loop over one window's is too short for the processor's vectors.
+
+    Args:
+      gram: XᵀX below the diagonal of each window and, last, of the whole second, shape (windows+1, p, p).
+      chol: L, shape (p, p).
+      count: Number of columns.
+    """
+    windows, p = gram.shape[0] - 1, chol.shape[0]
+    out = np.empty((p, windows * count))
+    for j in range(p):
+        row = out[j]
+        for w in range(windows):
+            for h in range(count):
+                row[w * count + h] = gram[w, h, j] if j <= h else gram[w, j, h]
+        for q in range(j):
+            above, factor = out[q], chol[j, q]
+            for k in range(row.size):
+                row[k] -= factor * above[k]
+        for k in range(row.size):
+            row[k] /= chol[j, j]
+    return out
+
+
+@kernel
+def _score_window(sums, window, chol, solved, whitened, model, scores):
     """Score every hypothesis at one window; keeps the better of it and of shorter windows.
 
     Args:
@@ -194,20 +226,18 @@ def _score_window(sums, window, chol, solved, model, scores):
       window: Index of the window.
       chol: Factor L of P⁻¹ + XᵀX of the whole second, shape (p, p).
       solved: L⁻¹ Xᵀ r of the whole second, shape (p,).
+      whitened: From `_whiten_columns`, shape (p, 2n+2).
       model: `ParameterModel`.
       scores: `JumpScores`, changed in place.
     """
     gram, pulled, squares = sums.gram[window], sums.pull[window], sums.squares[window]
     p, length = pulled.size, float(_LENGTHS[window])
-    beside, side, shift = np.empty(p), np.empty(p), np.empty(p)
+    shift = np.empty(p)
     for h in range(scores.size.size):
         column, score = gram[h, h], pulled[h]
         for j in range(p):
-            beside[j] = gram[h, j] if j <= h else gram[j, h]
-        solve_lower(chol, beside, side)
-        for j in range(p):
-            score -= side[j] * solved[j]
-            column -= side[j] * side[j]
+            score -= whitened[j, h] * solved[j]
+            column -= whitened[j, h] * whitened[j, h]
         if column <= 1e-6:
             continue
         size = min(max(score / column, model.smallest[h]), model.largest[h])
@@ -215,15 +245,15 @@ def _score_window(sums, window, chol, solved, model, scores):
         if likelihood <= scores.likelihood[h]:
             continue
         for j in range(p):
-            shift[j] = solved[j] - size * side[j]
+            shift[j] = solved[j] - size * whitened[j, h]
         solve_lower_transposed(chol, shift)
         left = squares - size * (2.0 * pulled[h] - size * gram[h, h])
         for j in range(p):
-            along = 0.0
+            along, beside = 0.0, gram[h, j] if j <= h else gram[j, h]
             for q in range(j):
                 along += gram[j, q] * shift[q]
             along = 2.0 * along + gram[j, j] * shift[j]
-            left += shift[j] * (along - 2.0 * (pulled[j] - size * beside[j]))
+            left += shift[j] * (along - 2.0 * (pulled[j] - size * beside))
         likelihood /= max(1.0, left / (3.0 * length))
         if likelihood > scores.likelihood[h]:
             scores.likelihood[h], scores.size[h] = likelihood, size
@@ -259,3 +289,33 @@ def solve_lower(chol, right, out):
         for q in range(j):
             value -= chol[j, q] * out[q]
         out[j] = value / chol[j, j]
+
+
+@kernel
+def inverted(matrix):
+    """Inverse of a symmetric positive definite matrix A = L Lᵀ as L⁻ᵀ L⁻¹, in half the time of one by pivots.
+
+    Args:
+      matrix: A, shape (p, p).
+    """
+    p, chol = matrix.shape[0], np.linalg.cholesky(matrix)
+    root, inverse = np.zeros((p, p)), np.zeros((p, p))  # L⁻¹ and A⁻¹
+    for j in range(p):
+        row = root[j]
+        row[j] = 1.0
+        for q in range(j):
+            above, factor = root[q], chol[j, q]
+            for k in range(q + 1):
+                row[k] -= factor * above[k]
+        for k in range(j + 1):
+            row[k] /= chol[j, j]
+    for j in range(p):
+        row = root[j]
+        for q in range(j + 1):
+            out, factor = inverse[q], row[q]
+            for k in range(q + 1):
+                out[k] += factor * row[k]
+    for j in range(p):
+        for q in range(j):
+            inverse[q, j] = inverse[j, q]
+    return inverse

@@ -40,7 +40,7 @@ _RELEARNING_BLOCKS = 200
 
 
 class Judgement(NamedTuple):
-    """What the detector concludes from its blocks, n wheels."""
+    """Conclusions of the detector from its blocks, n wheels."""
 
     known: KnownFaults
     answered: Answered

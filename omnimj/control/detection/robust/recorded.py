@@ -23,7 +23,7 @@ from omnimj.control.detection.robust.blocks import Sample, take_sample
 from omnimj.control.detection.robust.detector import RobustDetector, RobustState
 from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
 from omnimj.control.detection.robust.judgement import decide_block, judge_block
-from omnimj.control.records import Record, copied
+from omnimj.control.records import Record, copied, opened
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
@@ -44,14 +44,15 @@ class RecordedRows(NamedTuple):
 class _Constants(NamedTuple):
     sampling: Record
     """Packed `SamplingParameters`."""
-    robust: RobustParameters
+    robust: Record
+    """Packed `RobustParameters`."""
 
 
 class _Memory(NamedTuple):
     """Changed in place."""
 
     samples: Record
-    evidence: Evidence
+    evidence: Record
     judged: Record
     rest: Array
     """Packed `GyroBias`, shape (4,)."""
@@ -88,7 +89,8 @@ def _take_row(constants, memory, rows, k, bias):
     samples = memory.samples[0]
     if not take_sample(constants.sampling[0], samples, sample):
         return False
-    return judge_block(constants.robust, samples, memory.evidence, memory.judged[0], yaw, rows.time[k])
+    parameters, evidence = opened(constants.robust[0], RobustParameters), opened(memory.evidence[0], Evidence)
+    return judge_block(parameters, samples, evidence, memory.judged[0], yaw, rows.time[k])
 
 
 _ALL_DONE, _DECISION_IS_DUE, _BLOCK_IS_DONE = range(3)  # reasons for which the loop returns
@@ -120,7 +122,7 @@ def _observe_rows(constants, memory, rows, logs, end, watched):
         logs[k] = memory.judged[0].log
         wheel_speed, yaw_rate = rows.columns[k, n : 2 * n], rows.columns[k, 2 * n + 2]
         still = is_still(wheel_speed, yaw_rate, before.bias)
-        after = update_gyro_bias(before, constants.robust.turn, still, yaw_rate, wheel_speed, rows.period)
+        after = update_gyro_bias(before, constants.robust[0].turn, still, yaw_rate, wheel_speed, rows.period)
         rest[0], rest[1], rest[2], rest[3] = after
         place[0] += 1
         if watched and memory.judged[0].blocks != place[2]:
@@ -150,8 +152,8 @@ class RecordedObservation:
     ):
         self._detector, self._rows, self._decisions = detector, rows, state.decisions
         self._watch = watch
-        self._constants = _Constants(detector.packed_sampling, detector.constants)
-        start = (copied(state.samples), state.evidence.copy(), copied(state.judged))
+        self._constants = _Constants(detector.packed_sampling, detector.packed_constants)
+        start = (copied(state.samples), copied(state.memory), copied(state.judged))
         place = np.array([0, 0, state.blocks])
         self._memory = _Memory(*start, np.array(rest, float), place)
 
@@ -190,8 +192,9 @@ class RecordedObservation:
         while reason := _observe_rows(self._constants, m, self._rows, logs, end, watched):
             if reason == _DECISION_IS_DUE:
                 time = float(self._rows.time[self.done])
+                evidence = opened(m.evidence[0], Evidence)
                 self._decisions = decide_block(
-                    detector.thresholds, m.evidence, m.judged, self._decisions, time, detector.channels
+                    detector.thresholds, evidence, m.judged, self._decisions, time, detector.channels
                 )
             elif self._watch is not None:
                 state = RobustState(m.samples, m.evidence, m.judged, self._decisions, None)

@@ -103,13 +103,20 @@ class Dynamics:
         self.substeps = substeps
         """Steps of MuJoCo per row."""
 
-    def motion(self, laws: Laws) -> Motion:
-        """Motion and rigid-body forces under a setting."""
-        key = self._key(laws)
+    def motion(self, laws: Laws, commands: Array | None = None) -> Motion:
+        """Motion and rigid-body forces under a setting.
+
+        Args:
+          laws: The machine under the setting.
+          commands: Effective inputs, shape (n, j); None: springs are loaded by the links' motion alone.
+        """
+        if not laws.joints[:, COMPLIANCE].any():
+            commands = None
+        key = self._key(laws), None if commands is None else hash((laws.joints.tobytes(), commands.tobytes()))
         with self._lock:
             if key in self._known:
                 return self._known[key]
-        found = self._along(laws)
+        found = self._along(laws, commands)
         with self._lock:
             while len(self._known) >= _KEPT:
                 del self._known[next(iter(self._known))]
@@ -125,7 +132,7 @@ class Dynamics:
             armature += tuple(laws.joints.ravel().tolist())
         return masses, laws.payloads, tuple(laws.gravity.tolist()), positions, compliance, armature
 
-    def _along(self, laws: Laws) -> Motion:
+    def _along(self, laws: Laws, commands: Array | None) -> Motion:
         log = self._log
         columns = [
             [
@@ -137,23 +144,47 @@ class Dynamics:
         position, speed, acceleration, balanced = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
         forces = functools.partial(self._forces, laws)
         rigid, readings = forces(position, speed, acceleration)
-        bent = None
-        for _ in range(_DEFLECTIONS if laws.joints[:, COMPLIANCE].any() else 0):
-            bent = self._bent(rigid, laws.joints[:, COMPLIANCE])
-            moved = (
-                part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
-            )
-            rigid, readings = forces(*map(np.ascontiguousarray, moved))
+        bent, motor = None, (position, speed, acceleration, balanced)
+        if laws.joints[:, COMPLIANCE].any():
+            share = self._motor_shares(laws, motor, rigid) if commands is not None else 0.0
+            for _ in range(_DEFLECTIONS):
+                loads = rigid
+                if commands is not None:
+                    loads = rigid - share * self._lacking(laws, motor, rigid, commands)
+                bent = self._bent(loads, laws.joints[:, COMPLIANCE])
+                links = (part - change for part, change in zip(motor, bent, strict=False))
+                rigid, readings = forces(*map(np.ascontiguousarray, links))
         play = None
         if laws.joints[:, PLAY].any():
-            inertia = self._inertias(laws, position, speed, acceleration, rigid)
+            inertia = self._inertias(laws, position, speed, acceleration, rigid, PLAY)
             play = links_behind_play(laws.joints, log, (position, speed, acceleration), rigid, inertia)
         return Motion(position, speed, acceleration, balanced, rigid, readings, bent, play)
 
-    def _inertias(self, laws: Laws, q: Array, v: Array, a: Array, rigid: Array) -> Array:
-        """Inertia of the links about each joint with play, shape (n, j) [kg or kg.m2]."""
+    def _motor_shares(self, laws: Laws, motor: tuple[Array, ...], rigid: Array) -> Array:
+        """Weight of the motor's side in the force of each spring, shape (n, j).
+
+        The links' need and what the motor leaves of its drive are both the spring's force. The noise of q̈
+        is in the first times the inertia I of the links, in the second times −J of the motor: with the
+        weights J/(I + J) and I/(I + J) it cancels.
+        """
+        position, speed, acceleration, _ = motor
+        inertia = self._inertias(laws, position, speed, acceleration, rigid, COMPLIANCE)
+        return inertia / (inertia + laws.joints[:, ARMATURE])
+
+    def _lacking(self, laws: Laws, motor: tuple[Array, ...], rigid: Array, commands: Array) -> Array:
+        """Force that the links need beyond what the motors leave them, shape (n, j) [N or N.m]."""
+        position, speed, acceleration, balanced = motor
+        columns = np.stack([position, balanced, acceleration])
+        links = np.stack([rigid, speed, np.ones(speed.shape)])
+        found, friction = np.empty(rigid.shape), np.empty(rigid.shape)
+        numbers = (columns, links, commands, self._log.enabled, found, friction)
+        kernels.missing_forces(laws.joints, kernels.no_curve(), self._log.times, *numbers)
+        return np.where(self._log.valid, found + friction, 0.0)
+
+    def _inertias(self, laws: Laws, q: Array, v: Array, a: Array, rigid: Array, term: int) -> Array:
+        """Inertia of the links about each joint with a term in its law, shape (n, j) [kg or kg.m2]."""
         found = np.ones(q.shape)
-        for j in np.flatnonzero(laws.joints[:, PLAY]):
+        for j in np.flatnonzero(laws.joints[:, term]):
             faster = a.copy()
             faster[:, j] += 1.0
             found[:, j] = self._forces(laws, q, v, faster)[0][:, j] - rigid[:, j]
@@ -305,10 +336,9 @@ def _deflection_width(log: MachineLog, joint: int) -> int:
         ]
         if not parts:
             break
-        smooth = [np.asarray(savgol_filter(p, width, 3, deriv=2, delta=period)) for p in parts]
         both = np.convolve(bends, savgol_coeffs(width, 3, deriv=2, delta=period))
         scatter = float(log.position_noise[joint] * np.linalg.norm(both))
-        if scatter < _CLEAR * float(np.sqrt(np.mean(np.concatenate(smooth) ** 2))):
+        if scatter < _CLEAR * float(np.sqrt(np.mean(np.concatenate(parts) ** 2))):
             break
     return width
 

@@ -167,8 +167,8 @@ class MachineReplay:
 
     def _simulate(self, setting: Setting) -> Array:
         laws, curve = self._maker.make(self.base, setting), self._curve(setting)
-        motion = self._dynamics.motion(laws)
         commands = effective_inputs(laws, self.log)
+        motion = self._dynamics.motion(laws, commands)
         missing = _missing(laws, self.log, motion, curve, commands)
         joints = len(self.parts.joints)
         free = self._dynamics.windows(laws, motion, curve, commands, self._windows)

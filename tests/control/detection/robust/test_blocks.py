@@ -124,5 +124,5 @@ def arrays_of(value):
     if isinstance(value, tuple):
         return [array for part in value for array in arrays_of(part)]
     if isinstance(value, RobustState):
-        return arrays_of((value.samples, value.evidence, value.judged))
+        return arrays_of((value.samples, value.memory, value.judged))
     return []

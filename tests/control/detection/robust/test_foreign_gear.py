@@ -72,6 +72,7 @@ def test_wheels_that_brake_teach_all_that_the_balance_says_of_the_gear():
     assert lesson == pytest.approx(column)
 
 
+@pytest.mark.slow
 def test_noise_of_coasting_wheels_does_not_move_the_gears_share():
     """γ stays at its prior mean, although the same noise is in both sides of the balance."""
     rng, evidence = np.random.default_rng(3), initial_evidence(N)

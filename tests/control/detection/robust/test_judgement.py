@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from omnimj.control.detection.robust.accommodation import accommodate, known_faults
 from omnimj.control.detection.robust.answered import answered_by, is_answered
 from omnimj.control.detection.robust.decision import decide, is_uneventful
-from omnimj.control.detection.robust.evidence import initial_evidence
+from omnimj.control.detection.robust.evidence import CONVERTER, ROLLED, initial_evidence
 from omnimj.control.detection.robust.judgement import initial_judgement
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import (
@@ -49,8 +49,8 @@ def evidences(draw):
         getattr(evidence.monitors, name)[draw(st.integers(0, 3))] = limit * next(shares)
     evidence.theta[:4] = [THRESHOLDS.worn * next(shares) for _ in range(4)]
     evidence.cov[:4, :4] *= draw(st.sampled_from([1.0, 0.1, 0.001]))
-    evidence.yaw["converter"] = THRESHOLDS.turning * next(shares)
-    evidence.yaw["wheels"] = THRESHOLDS.turning * next(shares)
+    evidence.yaw[CONVERTER] = THRESHOLDS.turning * next(shares)
+    evidence.yaw[ROLLED] = THRESHOLDS.turning * next(shares)
     failed = np.zeros(len(CHANNELS), np.uint8)
     failed[draw(st.integers(0, len(failed) - 1))] = draw(st.sampled_from([0, 0, 0, 0, 1]))
     return evidence, failed
@@ -135,7 +135,7 @@ def any_statistic_near(evidence):
     monitors = any((getattr(evidence.monitors, name) >= limit).any() for name, limit in MONITORS.items())
     scores, least = evidence.scores.likelihood, min(THRESHOLDS.motor, THRESHOLDS.drag)
     learnt = (evidence.theta[:4] > THRESHOLDS.worn).any()
-    yaw = abs(evidence.yaw["converter"][0]) > 0.4 * THRESHOLDS.turning
+    yaw = abs(evidence.yaw[CONVERTER]) > 0.4 * THRESHOLDS.turning
     return bool(monitors or (scores >= least).any() or learnt or yaw)
 
 
