@@ -66,13 +66,7 @@ class CarriageRun:
     def with_known(
         self, rail_friction_added: float = 0.0, mass_added: float = 0.0, wheel_late: float = 0.0
     ) -> CarriageRun:
-        """Return the run with changed constants.
-
-        Args:
-          rail_friction_added: Added rail friction [N].
-          mass_added: Added mass [kg].
-          wheel_late: Added delay of the wheel speed [s].
-        """
+        """The run with added rail friction [N], mass [kg], and delay of the wheel speed [s]."""
         own = self.parameters
         changed = own._replace(
             dry=own.dry + rail_friction_added, mass=own.mass + mass_added, delay=own.delay + wheel_late
@@ -81,20 +75,15 @@ class CarriageRun:
 
 
 def lugre(numbers: Array) -> TractionParameters:
-    """LuGre law for the kernels.
-
-    Args:
-      numbers: μ_c, μ_s, V_s, σ0, σ1, σ2, shape (6,).
-    """
+    """LuGre law for the kernels of μ_c, μ_s, V_s, σ0, σ1, σ2, shape (6,)."""
     return TractionParameters(float(LUGRE), *numbers)
 
 
 def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, float]:
     """Compute the dry [N] and the viscous resistance [N.s/m] of the carriage, Eqs. 4.12-4.18.
 
-    The measured friction of the rail, the rolling resistance and, while the gantry moves at some speed
-    [m/s], the additional load of the rail from the friction of the rollers; the mass is m_T of the quarter
-    body [kg].
+    The measured friction of the rail, the rolling resistance and, while the gantry moves at some speed [m/s],
+    the load that the friction of the rollers adds to the rail; the mass is m_T of the quarter body [kg].
     """
     found = rig_parameters(rig, mass)
     dry, viscous = rail_friction(found, lateral_force(found, lateral_speed))
