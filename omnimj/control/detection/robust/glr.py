@@ -232,7 +232,7 @@ def _score_window(sums, window, chol, solved, whitened, model, scores):
     """
     gram, pulled, squares = sums.gram[window], sums.pull[window], sums.squares[window]
     p, length = pulled.size, float(_LENGTHS[window])
-    shift = np.empty(p)
+    shift, beside = np.empty(p), np.empty(p)
     for h in range(scores.size.size):
         column, score = gram[h, h], pulled[h]
         for j in range(p):
@@ -248,12 +248,13 @@ def _score_window(sums, window, chol, solved, whitened, model, scores):
             shift[j] = solved[j] - size * whitened[j, h]
         solve_lower_transposed(chol, shift)
         left = squares - size * (2.0 * pulled[h] - size * gram[h, h])
-        for j in range(p):
-            along, beside = 0.0, gram[h, j] if j <= h else gram[j, h]
+        for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows, which are contiguous
+            row, value = gram[j], shift[j]
+            beside[j] = 2.0 * (size * (gram[h, j] if j <= h else row[h]) - pulled[j]) + row[j] * value
             for q in range(j):
-                along += gram[j, q] * shift[q]
-            along = 2.0 * along + gram[j, j] * shift[j]
-            left += shift[j] * (along - 2.0 * (pulled[j] - size * beside))
+                beside[q] += 2.0 * row[q] * value
+        for j in range(p):
+            left += shift[j] * beside[j]
         likelihood /= max(1.0, left / (3.0 * length))
         if likelihood > scores.likelihood[h]:
             scores.likelihood[h], scores.size[h] = likelihood, size
@@ -269,10 +270,10 @@ def solve_lower_transposed(chol, right):
       right: b, replaced by y, shape (p,).
     """
     for j in range(right.size - 1, -1, -1):
-        value = right[j]
-        for q in range(j + 1, right.size):
-            value -= chol[q, j] * right[q]
-        right[j] = value / chol[j, j]
+        right[j] /= chol[j, j]
+        row, value = chol[j], right[j]
+        for q in range(j):
+            right[q] -= row[q] * value
 
 
 @kernel
