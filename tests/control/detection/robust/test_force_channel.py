@@ -27,6 +27,7 @@ from omnimj.control.detection.robust.glr import (
     WINDOWS,
     BlockHistory,
     JumpScores,
+    inverted,
     likelihood_ratios,
     no_scores,
 )
@@ -258,3 +259,11 @@ def test_a_loss_counts_only_beyond_four_of_its_own_deviations(loss, share):
     theta[3], cov[3, 3] = loss, deviation**2
     assume(abs(loss - 4.0 * deviation) > 1e-9 and abs(share - 0.9) > 1e-9)
     assert significant_losses(theta, cov, 4)[3] == (loss if loss > 4.0 * deviation else 0.0)
+
+
+@pytest.mark.parametrize("size", [1, 3, 25])
+def test_the_inverse_by_cholesky_is_that_by_pivots(size):
+    root = np.random.default_rng(size).normal(size=(size, size + 2))
+    matrix = root @ root.T + 0.1 * np.eye(size)
+    assert inverted(matrix) == pytest.approx(np.linalg.inv(matrix), rel=1e-9, abs=1e-9)
+    assert np.array_equal(inverted(matrix), inverted(matrix).T)
