@@ -11,13 +11,11 @@ variable.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from omnimj.parameters.axis import Axis
 from omnimj.physics.motor import stick_or_slip
 from omnimj.physics.native import kernel
 from omnimj.physics.planar import GRAVITY
@@ -26,7 +24,7 @@ from omnimj.signals import Array
 # the machine. MASS: all that moves, payload included; DRIVE_MASS: its share before the play; LOOP: lag of the
 # amplifier; ENCODER: 1 where the position is taken at the drive, 0 at the carriage
 MASS, DRIVE_MASS, COULOMB, VISCOUS, LIMIT, LOOP, ENCODER = range(7)
-# what a model may lack, in the order of `AxisExtras`; sensors: reading = scale × true + bias, a time later
+# what a model may lack, from `plant.axis.axis_row`; sensors: reading = scale × true + bias, later
 ASYMMETRIC_COULOMB, ASYMMETRIC_VISCOUS, STRIBECK_FORCE, STRIBECK_VELOCITY = range(7, 11)
 PLACE_FORCE, PLACE, PLACE_WIDTH, OFFSET, SLOPE, CABLE_STIFFNESS, CABLE_REST, AIR = range(11, 19)
 FORCE_SCALE, PLAY, POSITION_SCALE, VELOCITY_SCALE, MONITOR_SCALE, MONITOR_BIAS = range(19, 25)
@@ -42,23 +40,6 @@ AXIS_STATE = 5
 NO_CURVE, OVER_SPEED, OVER_POSITION, OVER_TIME, DRY_OVER_POSITION, DRY_OVER_TIME = range(6)
 KIND, FIRST_KNOT, LAST_KNOT, KNOT = range(4)
 CURVE_ROW = KNOT + 8
-
-
-def axis_row(axis: Axis, payload: float = 0.0) -> Array:
-    """Constants of an axis in the order of the kernels, shape (AXIS_ROW,).
-
-    Args:
-      axis: The axis.
-      payload: Additional mass during a run [kg].
-    """
-    row = np.zeros(AXIS_ROW)
-    body = axis.axis
-    row[MASS] = body.mass + payload
-    row[DRIVE_MASS] = min(body.drive_mass, 0.9 * row[MASS])  # whatever an effect takes off the carriage
-    row[COULOMB], row[VISCOUS], row[LIMIT] = body.coulomb, body.viscous, body.force_limit
-    row[LOOP], row[ENCODER] = body.force_loop, axis.sensors.encoder_at_drive
-    row[ASYMMETRIC_COULOMB:] = dataclasses.astuple(axis.extras)
-    return row
 
 
 def no_curve() -> Array:
@@ -140,7 +121,7 @@ def next_speed(row, curve, mass, push, position, speed, change, time, h):
     carriage comes to rest within the step, dry friction holds it or releases it for the rest of the step.
 
     Args:
-      row: `axis_row` with effects, as a tuple (see `frozen`).
+      row: `plant.axis.axis_row`, as a tuple (see `frozen`).
       curve: Free curve or `no_curve`, as a tuple (see `frozen`).
       mass: Moving mass [kg].
       push: Force of the drive on the carriage [N].
@@ -172,7 +153,7 @@ def step(row, curve, state, force, nudge, time, h):
     """State after a step of h seconds.
 
     Args:
-      row: `axis_row` with effects, as a tuple (see `frozen`).
+      row: `plant.axis.axis_row`, as a tuple (see `frozen`).
       curve: Free curve or `no_curve`, as a tuple (see `frozen`).
       state: Tuple of AXIS_STATE numbers.
       force: Mean declared force of the drive over the step [N].

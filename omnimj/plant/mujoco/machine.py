@@ -17,11 +17,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 
-from omnimj.effects import MJCF, complete_values, find_effect
+from omnimj.effects import AXIS, MJCF, complete_values, find_effect
 from omnimj.effects.effect import Effect
 from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, Part, PartChanges, joint_unit
 from omnimj.errors import InputError, UnknownNameError
@@ -53,18 +53,19 @@ class Uncertain:
     unit: str
     value: float
     half_width: float
+    label: str = ""
+    beyond: float = 0.0
+    """Constant by which the value exceeds that of the part: a total mass includes the armature."""
 
     @property
     def name(self) -> str:
-        """Name in messages and results: `elbow.damping`."""
-        return f"{self.part[1]}.{self.part[2]}"
+        """Name in messages and results: `elbow.damping`, unless it has a label."""
+        return self.label or f"{self.part[1]}.{self.part[2]}"
 
 
 @dataclass(frozen=True)
 class Machine:
     """Machine that an MJCF file describes: fixed base, hinges and slides, actuators on joints, sensors."""
-
-    plant: ClassVar[str] = MJCF
 
     file: Path
     """The MJCF file."""
@@ -76,6 +77,13 @@ class Machine:
     effects: EffectValues = field(default_factory=dict)
     provenance: Mapping[str, Provenance] = field(default_factory=dict)
     """`effects.NAME.PARAMETER` → unit and source."""
+    plant: str = MJCF
+    """Plant whose names the effects have."""
+
+    @property
+    def forces_are_declared(self) -> bool:
+        """True if a logged force is the command times the declared gain, False if it was measured."""
+        return self.plant == AXIS
 
     @property
     def facts(self) -> Path:
@@ -200,10 +208,10 @@ def apply_part_effects(machine: Machine) -> PartChanges:
       InputError: An effect is incomplete, or a value or unit is wrong.
       UnknownNameError: An unknown effect, parameter or part.
     """
-    changes = PartChanges()
+    changes = PartChanges(machine.values)
     for name, given in machine.effects.items():
         place = f"{machine.facts}: effects.{name}"
-        effect = find_effect(name, MJCF, f"{machine.facts}: effects")
+        effect = find_effect(name, machine.plant, f"{machine.facts}: effects")
         values = complete_values(effect, given, place, partial=False)
         _require_parts(machine, effect, values, place)
         _require_units(machine, name, effect, values)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
 
-from omnimj.effects import MJCF
+from omnimj.effects import AXIS
 from omnimj.estimate.replay.interface import (
     MOST_EFFECTS,
     CandidateEffect,
@@ -72,7 +72,7 @@ _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
 class MachineReplay:
     """Replay of a dataset of any machine; implements `replay.interface.Replay`."""
 
-    plant, backward_elimination = MJCF, False
+    backward_elimination = False
 
     def __init__(
         self, dataset: Dataset, machine: Machine, *, window: float = WINDOW, threads: int | None = None
@@ -89,7 +89,7 @@ class MachineReplay:
           InputError: A joint or input was not measured, no run is long enough, or bodies touch in all.
           UnknownNameError: A column or a stated mass names a part that the MJCF file does not have.
         """
-        self._machine, self._threads = machine, threads
+        self._machine, self._threads, self.plant = machine, threads, machine.plant
         self.parts = measured_parts(dataset, machine)
         self._runs, contacts = free_runs(dataset.runs, machine, dataset.path)
         self.log = log = read_machine_log(self._runs, self.parts, window)
@@ -105,13 +105,19 @@ class MachineReplay:
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
+        if self.plant == AXIS:
+            self.curves = {name.rpartition(" ")[2]: size for name, size in self.curves.items()}
         self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * len(self.parts.joints)
         self.segments = self._segments()
         self.measured = self._measured()
-        self.channels = self._channels()
+        self.channels = tuple(replace(one, name=self._own_name(one.name)) for one in self._channels())
         scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
         self.notes = (*self.parts.notes, *scope, *contacts)
         """Notes on columns and rows that are not used, excited joints and effects that are not sought."""
+
+    def _own_name(self, channel: str) -> str:
+        """Name of a channel in results: that of the only joint or drive needs no part on an axis."""
+        return channel.partition(":")[0] if self.plant == AXIS else channel
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
@@ -250,6 +256,7 @@ class MachineReplay:
         if setting.curve is not None:
             name, values = setting.curve
             joint, _, kind = name.rpartition(" ")
+            joint = joint or self.parts.joints[0]
             found[CURVE_JOINT], found[CURVE_KIND] = self.parts.joints.index(joint), _KINDS[kind]
             span = self.spans[joint]
             ends = {
