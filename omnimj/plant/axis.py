@@ -34,7 +34,6 @@ from omnimj.physics.axis import (
     encoder_position,
     encoder_speed,
     frozen,
-    no_curve,
     step,
 )
 from omnimj.physics.native import kernel
@@ -95,16 +94,14 @@ def read_sensors(row, sensors, truth, k, noise, period, reading):
 
 
 @kernel
-def one_period(row, curve, state, force, command, time, period, substeps):
+def one_period(row, state, force, command, period, substeps):
     """Advance the axis by one period under a commanded force, behind which the amplifier lags.
 
     Args:
       row: Packed constants of the axis, from `frozen`.
-      curve: Tabulated force, from `frozen`.
       state: State of the axis.
       force: Declared force of the drive at the beginning [N].
       command: Commanded force, held for the period [N].
-      time: Time at the beginning [s].
       period: Duration [s].
       substeps: Number of integration steps.
 
@@ -114,10 +111,10 @@ def one_period(row, curve, state, force, command, time, period, substeps):
     h = period / substeps
     target = min(max(command, -row[LIMIT]), row[LIMIT])
     keep = math.exp(-h / row[LOOP]) if row[LOOP] > 0.0 else 0.0
-    for s in range(substeps):
+    for _ in range(substeps):
         after = target + (force - target) * keep
         mean = target + (force - after) * row[LOOP] / h
-        state = step(row, curve, state, mean, 0.0, time + s * h, h)
+        state = step(row, state, mean, h)
         force = after
     return state, force
 
@@ -130,12 +127,11 @@ def at_rest(row, position):
 
 
 @kernel
-def follow_target(row, curve, target, gains, sensors, noise, period, substeps, columns):
+def follow_target(row, target, gains, sensors, noise, period, substeps, columns):
     """Simulate one run under position control.
 
     Args:
       row: Packed constants of the axis with effects, from `axis_row`.
-      curve: Tabulated force; `no_curve()` for none.
       target: Position [m], speed [m/s], acceleration [m/s²] at every sample, shape (n, 3).
       gains: Packed constants of the controller, `AxisController.row`.
       sensors: Packed constants of the sensors, from `sensor_row`.
@@ -146,7 +142,7 @@ def follow_target(row, curve, target, gains, sensors, noise, period, substeps, c
         shape (n, COLUMNS).
     """
     reading = np.zeros(3)
-    numbers, table = frozen(row, curve)
+    numbers = frozen(row)
     state = at_rest(numbers, target[0, 0] / row[POSITION_SCALE])
     truth = columns[:, READ_VELOCITY + 1 :]
     share = 1.0 - math.exp(-period / gains[SPEED_FILTER]) if gains[SPEED_FILTER] > 0.0 else 1.0
@@ -163,7 +159,7 @@ def follow_target(row, curve, target, gains, sensors, noise, period, substeps, c
         command = gains[FEED_MASS] * target[k, 2] + gains[FEED_VISCOUS] * v
         command += gains[FEED_COULOMB] * math.tanh(v / gains[FEED_SPEED])
         command += gains[STIFFNESS] * (target[k, 0] - last) + gains[GAIN] * (v - speed)
-        state, force = one_period(numbers, table, state, force, command, k * period, period, substeps)
+        state, force = one_period(numbers, state, force, command, period, substeps)
 
 
 # Plant and controller around the kernels above.
@@ -305,7 +301,7 @@ def drive_axis(
     row = axis_row(axis, payload)
     columns = np.empty((len(target), COLUMNS))
     numbers = (controller.row, sensor_row(axis, ideal_sensors), axis_noise(seed, len(target)))
-    follow_target(row, no_curve(), np.asarray(target, float), *numbers, period, substeps_of(period), columns)
+    follow_target(row, np.asarray(target, float), *numbers, period, substeps_of(period), columns)
     if not (np.abs(columns[:, TRUE_POSITION]) < _FAR * axis.axis.travel).all():
         raise InputError("controller", "does not hold this axis", "softer gains are needed")
     found: dict[str, Array] = {"time": np.arange(float(len(target))) * period}

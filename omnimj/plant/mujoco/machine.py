@@ -79,6 +79,10 @@ class Machine:
     """`effects.NAME.PARAMETER` → unit and source."""
     plant: str = MJCF
     """Plant whose names the effects have."""
+    columns: tuple[str, ...] = ()
+    """Columns of the logs of an axis."""
+    excluded: tuple[str, ...] = ()
+    """Effects that are no candidates."""
 
     @property
     def forces_are_declared(self) -> bool:

@@ -1,20 +1,17 @@
 """Play between motor and link: against two masses integrated by the axis' equations, and in a replay."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from omnimj.effects import with_effects
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.mjcf.axis_logs import as_machine_logs
+from omnimj.estimate.replay.mjcf.axis import as_machine_logs
 from omnimj.estimate.replay.mjcf.kernels import DAMPING, DRY, LAW, PLAY, REST_SPEED
 from omnimj.estimate.replay.mjcf.play import follow_links
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.parameters import read_axis
-from omnimj.parameters.axis import AxisExtras
-from omnimj.physics.axis import DRIVE_SPEED, GAP, POSITION, SPEED, axis_row, frozen, no_curve, step
-from omnimj.plant.axis import drive_axis, servo
+from omnimj.physics.axis import DRIVE_SPEED, GAP, POSITION, SPEED, frozen, step
+from omnimj.plant.axis import axis_row, drive_axis, servo
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.resources import models_folder
@@ -27,14 +24,14 @@ PERIOD, WIDE = 1e-3, 4e-4
 
 def two_masses(duration=4.0):
     """States of drive and carriage under a force of two sines, at 20 steps per sample."""
-    row, curve = frozen(axis_row(dataclasses.replace(AXIS, extras=AxisExtras(play=WIDE))), no_curve())
+    row = frozen(axis_row(with_effects(AXIS, {"backlash": {"angle": WIDE}})))
     state, states, fine = (0.0, 0.0, 0.5 * WIDE, 0.0, 0.0), [], 20
     for k in range(round(duration / PERIOD)):
         states.append(state)
         for s in range(fine):
             t = (k + (s + 0.5) / fine) * PERIOD
             force = 60.0 * np.sin(5.0 * t) + 25.0 * np.sin(14.0 * t)
-            state = step(row, curve, state, force, 0.0, t, PERIOD / fine)
+            state = step(row, state, force, PERIOD / fine)
     return np.array(states)
 
 

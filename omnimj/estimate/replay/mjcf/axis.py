@@ -16,6 +16,7 @@ from omnimj.effects import AXIS
 from omnimj.effects.axis import CARRIAGE, DRIVE, GUIDE, part_values
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part
 from omnimj.errors import InputError
+from omnimj.estimate.replay.interface import NOT_SOUGHT
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.parameters import Axis
 from omnimj.plant.mujoco.machine import Machine, Uncertain, apply_part_effects
@@ -30,6 +31,14 @@ _NAMES: Mapping[str, Part] = {
     "force_constant": (ACTUATOR, DRIVE, "gain"),
 }
 """Constant of `axis.toml` that may be uncertain → quantity of the MJCF file."""
+_REVERSED = (
+    "{name} has the opposite sign of the motion that it makes and is taken with its sign reversed; "
+    'to mend the dataset: [columns] "{name}" = {{ name = "{name}", scale = -1.0 }}'
+)
+_BEHIND_PLAY = (
+    f"{NOT_SOUGHT}: backlash: the replay knows play behind the encoder, which is beside the carriage"
+)
+_DRIVES = 0.5  # share of the force's deviation that the motion must explain
 
 
 def axis_machine(axis: Axis) -> Machine:
@@ -69,25 +78,64 @@ def _uncertain(axis: Axis) -> Iterator[Uncertain]:
             yield Uncertain(part, origin.unit, value, origin.uncertainty, name, beyond)
 
 
-def axis_replay(dataset: Dataset, axis: Axis) -> MachineReplay:
+def axis_replay(dataset: Dataset, axis: Axis, threads: int | None = None) -> MachineReplay:
     """Replay of the logs of an axis as those of its MJCF file.
+
+    Args:
+      dataset: Runs of a linear axis.
+      axis: Its constants and effects.
+      threads: Threads for several settings at once; the machine's cores when None.
 
     Raises:
       InputError: A run has neither force nor current, or none is long enough.
     """
-    machine = axis_machine(axis)
-    force_only = all("force" in run.columns for run in dataset.runs)
-    if force_only:
+    if not axis.sensors.encoder_at_drive:
+        known = {name: own for name, own in axis.effects.items() if not name.startswith("backlash")}
+        axis = replace(axis, effects=known)
+    machine, runs = axis_machine(axis), dataset.runs
+    force = "force" if any("force" in run.columns for run in runs) else "current"
+    velocity = ("velocity",) if all("velocity" in run.columns for run in runs) else ()
+    columns = ("position", force, *velocity)
+    machine = replace(
+        machine, columns=columns, excluded=() if axis.sensors.encoder_at_drive else ("backlash",)
+    )
+    if force == "force":
         kept = tuple(one for one in machine.uncertain if one.name != "force_constant")
         machine = replace(machine, uncertain=kept)
-    return MachineReplay(as_machine_logs(dataset, machine), machine)
+    logs = as_machine_logs(dataset, machine)
+    found, notes = MachineReplay(logs, machine, threads=threads), ()
+    if _is_reversed(found):
+        found, notes = (
+            MachineReplay(_reversed(logs), machine, threads=threads),
+            (_REVERSED.format(name=force),),
+        )
+    if not axis.sensors.encoder_at_drive:
+        notes += (_BEHIND_PLAY,)
+    found.notes = (*found.notes, *notes)
+    return found
+
+
+def _is_reversed(replay: MachineReplay) -> bool:
+    """True if the force is opposite to the motion that it causes: a fit has negative mass and friction."""
+    (force, links, speed), *_ = replay.input_balances().values()
+    columns = np.stack([links, speed, np.sign(speed), np.ones(len(speed))], axis=1)
+    fitted = np.linalg.lstsq(columns, force, rcond=None)[0]
+    moved = columns[:, :3] @ fitted[:3]
+    return bool(fitted[0] < 0.0 and moved @ speed < 0.0 and moved.std() > _DRIVES * force.std())
+
+
+def _reversed(logs: Dataset) -> Dataset:
+    """Logs with the sign of the force reversed."""
+    name = f"force:{DRIVE}"
+    runs = (replace(run, columns={**run.columns, name: -run.columns[name]}) for run in logs.runs)
+    return replace(logs, runs=tuple(runs))
 
 
 def as_machine_logs(dataset: Dataset, machine: Machine) -> Dataset:
     """Rename `position`, `velocity`, `force` and `current`, and the moving `mass` of a run.
 
-    The current is the command of the actuator, of an `axis.toml` a declared force over the force constant, and
-    the mass that moves is that of the body and the armature.
+    The current is the command of the actuator, of an `axis.toml` a declared force over the force constant.
+    The mass that moves is that of the body and the armature.
 
     Args:
       dataset: Runs of a linear axis.

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
 
 from omnimj.effects import AXIS
+from omnimj.effects.axis import GUIDE
+from omnimj.effects.parts import BODY, JOINT
 from omnimj.estimate.replay.interface import (
     MOST_EFFECTS,
     CandidateEffect,
@@ -28,7 +30,7 @@ from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
 from omnimj.estimate.replay.mjcf.columns import measured_parts, stated_masses
 from omnimj.estimate.replay.mjcf.contacts import free_runs
-from omnimj.estimate.replay.mjcf.experiments import machine_experiments, moved_log
+from omnimj.estimate.replay.mjcf.experiments import added_masses, machine_experiments, moved_log
 from omnimj.estimate.replay.mjcf.filters import same_filter
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
@@ -53,9 +55,10 @@ from omnimj.estimate.replay.mjcf.settings import (
 )
 from omnimj.estimate.replay.stretches import block_means
 from omnimj.estimate.threads import map_in_threads
+from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import is_hinge
-from omnimj.recording.dataset import Dataset
+from omnimj.recording.dataset import MASS_OF, Dataset
 from omnimj.signals import Array
 
 WINDOW = 0.5
@@ -97,7 +100,8 @@ class MachineReplay:
         self._dynamics = Dynamics(machine, log, self.parts.sensors, stated)
         self._windows = self._chosen_windows()
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
-        self.base = base_parameters(machine, log.period)
+        sample = min(float(np.median(np.diff(run.time))) for run in self._runs)
+        self.base = base_parameters(machine, sample if self.plant == AXIS else log.period)
         self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
@@ -138,7 +142,22 @@ class MachineReplay:
             found[f"{before}speed"] = (f"{unit}/s", speed)
             found[f"{before}acceleration"] = (f"{unit}/s2", acceleration)
         found["time"] = ("s", self._means(log.times[:, None])[:, 0])
-        return found
+        return found | self._axis_regimes() if self.plant == AXIS else found
+
+    def _axis_regimes(self) -> dict[str, tuple[str, Array]]:
+        """Direction, time since a reversal, force and stated mass of an axis in every block."""
+        log = self.log
+        moving = np.abs(log.speed[:, 0]) >= self._maker.rest_speed[0]
+        direction = np.where(moving, np.sign(log.speed[:, 0]), 0.0)
+        since, mass = np.empty(len(direction)), np.empty(len(direction))
+        (name,), armature = self._machine.parts(BODY)[-1:], self._machine.values[JOINT, GUIDE, "armature"]
+        for (first, last, _, _), run in zip(log.stretches, log.run_of_stretch, strict=True):
+            since[first:last] = since_reversal(direction[first:last]) * log.period
+            plain = self._machine.values[BODY, name, "mass"]
+            mass[first:last] = float(self._runs[run].conditions.get(f"{MASS_OF}{name}", plain)) + armature
+        means = self._means(np.stack([direction, since, log.inputs[:, 0], mass], axis=1)).T
+        found = {"direction": ("1", np.rint(means[0])), "reversal": ("s", means[1]), "force": ("N", means[2])}
+        return found | ({"mass": ("kg", means[3])} if np.ptp(mass) > 0.0 else {})
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
         """Motions of one joint that a user could make."""
@@ -152,7 +171,8 @@ class MachineReplay:
           experiment: One of `candidate_experiments`.
         """
         log = moved_log(self.log, self.parts.joints, self.spans, experiment)
-        dynamics = Dynamics(self._machine, log, self.parts.sensors)
+        stated = added_masses(self._machine, experiment)
+        dynamics = Dynamics(self._machine, log, self.parts.sensors, stated)
         return [self._predict(setting, log, dynamics) for setting in settings]
 
     def input_balances(self) -> dict[str, tuple[Array, Array, Array]]:
@@ -355,6 +375,20 @@ class MachineReplay:
                 repeats = run.repeat_of is not None
                 segments.append(Segment(run.name, run.condition, first, last, means[first:last], repeats))
         return tuple(segments)
+
+
+@kernel
+def since_reversal(direction):
+    """Rows since a joint last reversed, or since the start of the stretch, shape (n,)."""
+    found, last, count = np.empty(direction.size), 0.0, 0.0
+    for k in range(direction.size):
+        if direction[k] != 0.0 and direction[k] != last:
+            if last != 0.0:
+                count = 0.0
+            last = direction[k]
+        found[k] = count
+        count += 1.0
+    return found
 
 
 def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:

@@ -78,7 +78,8 @@ def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> 
       spans: Range of each joint.
     """
     found = []
-    for effect in effects_of(machine.plant).values():
+    menu = effects_of(machine.plant)
+    for effect in (menu[name] for name in menu if name not in machine.excluded):
         for selectors in _choices(effect, machine, parts, spans):
             chosen = f" ({', '.join(selectors.values())})" if selectors else ""
             label = f"{effect.name}{chosen}"
@@ -131,9 +132,8 @@ def _choices(
 
 def _axis_choices(effect: Effect, machine: Machine, parts: MeasuredParts) -> Iterator[dict[str, str]]:
     """Channels of an axis on which an effect can show; one choice of nothing for any other effect."""
-    columns = ["position", "force"] + ["velocity"] * parts.has_velocity[0]
     if effect.selectors:
-        yield from ({CHANNEL: name} for name in columns)
+        yield from ({CHANNEL: name} for name in machine.columns)
     elif effect.name.startswith("velocity") and not parts.has_velocity[0]:
         return
     elif effect.name not in _ONCE or not any(key.startswith(effect.name) for key in machine.effects):
