@@ -1,7 +1,8 @@
 """Workers of a study: own processes, or any `concurrent.futures` executor, opened by its address.
 
 An address names threads of this process, a Dask cluster or jobs of a SLURM cluster. Results do not depend on
-the executor, since a trial has its own seed. Every result is stored as it arrives: Ctrl-C or a worker that dies costs only the trials that were running.
+the executor, since a trial has its own seed. Every result is stored as it arrives: Ctrl-C or a worker that
+dies costs only the trials that were running.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Elementary effects (Morris 1991): trajectories, μ, μ* and σ with intervals, and the floor set by noise; ranking.
+"""Elementary effects (Morris 1991): trajectories, μ, μ* and σ with intervals, floor set by noise, ranking.
 
 An elementary effect is the change of a result over the share of its range by which one parameter moved, so it
 has the unit of the result: the change across the whole range. μ is their mean, μ* that of their absolute

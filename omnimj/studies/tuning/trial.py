@@ -1,7 +1,7 @@
 """Trials of a tuning: a draw driven with the gains of a candidate, its metrics, and batches of trials.
 
-Controller and method are made for the nominal robot without faults; the plant is the true robot. Each trial is
-stored and run only once.
+Controller and method are made for the nominal robot without faults; the plant is the true robot. Each trial
+is stored and run only once.
 
 The folder:
   tuning_plan.json               settings
