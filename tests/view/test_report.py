@@ -19,8 +19,8 @@ from omnimj.view import palette
 from omnimj.view.picture import Picture
 from omnimj.view.plots import runs
 from omnimj.view.plots.document import embed
-from omnimj.view.plots.thinning import averaged, envelope
 from omnimj.view.plots.panels import Drawing, Panel
+from omnimj.view.plots.thinning import averaged, envelope
 from omnimj.view.report.run import write_report
 from omnimj.view.wording import Span, fault_spans, measure, repeat_command
 

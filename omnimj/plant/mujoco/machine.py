@@ -42,6 +42,22 @@ from omnimj.plant.mujoco.quantities import (
 
 _KEYS = ("value", "half_width", "unit")
 _POSITIVE, _FINITE = Rule(0.0, math.inf, True), Rule(-math.inf, math.inf, False)
+_OBJECT = mujoco.mjtObj
+_FLOATING = (
+    "the forces on a floating base are in no log: fix the base to the world and log the machine on a stand, "
+    "or lifted"
+)
+_BALL = "its position is no single number: write three hinges, and log their angles"
+_LOOP = (
+    "the force in a closed loop follows from no position: leave the constraint out and log with the loop "
+    "open, or give the driven branch the inertia of the other"
+)
+_COUPLED = (
+    "how coupled joints share their load is in no log: keep the driven joint alone, with the inertia of the "
+    "other as armature (times the square of the ratio)"
+)
+_TENDON = "its springs and dampers can be replayed, nothing else: state this on the joints"
+_UNNAMED = "columns of the dataset name the parts: give it one"
 
 
 @dataclass(frozen=True)
@@ -238,24 +254,6 @@ def channel_names(machine: Machine) -> tuple[str, ...]:
         *(f"{kind}:{name}" for kind in ("force", "control", "enabled") for name in actuators),
         *(f"sensor:{name}" for name in sensor_names(machine.mj_model) if name),
     )
-
-
-_OBJECT = mujoco.mjtObj
-_FLOATING = (
-    "the forces on a floating base are in no log: fix the base to the world and log the machine on a stand, "
-    "or lifted"
-)
-_BALL = "its position is no single number: write three hinges, and log their angles"
-_LOOP = (
-    "the force in a closed loop follows from no position: leave the constraint out and log with the loop "
-    "open, or give the driven branch the inertia of the other"
-)
-_COUPLED = (
-    "how coupled joints share their load is in no log: keep the driven joint alone, with the inertia of the "
-    "other as armature (times the square of the ratio)"
-)
-_TENDON = "its springs and dampers can be replayed, nothing else: state this on the joints"
-_UNNAMED = "columns of the dataset name the parts: give it one"
 
 
 def refuse_structure(m: mujoco.MjModel, path: Path) -> None:

@@ -24,6 +24,10 @@ from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.signals import Array
 
 FULL_TURN = 2.0 * math.pi
+RAIL, TILT, GANTRY, AXLE = range(4)
+"""Indices of `RigTwinArrays.joints`."""
+JOINTS = ("rail", "tilt", "gantry", "wheel_1_axle")
+"""Names of these joints in the model."""
 
 
 class TwinArrays(NamedTuple):
@@ -184,12 +188,6 @@ def write_twin_truth(twin, truth):
     for k in range(3):
         for i in range(n):
             truth[6 + k * n + i] = twin.sensed[k, i]
-
-
-RAIL, TILT, GANTRY, AXLE = range(4)
-"""Indices of `RigTwinArrays.joints`."""
-JOINTS = ("rail", "tilt", "gantry", "wheel_1_axle")
-"""Names of these joints in the model."""
 
 
 class RigTwinArrays(NamedTuple):

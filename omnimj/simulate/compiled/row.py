@@ -30,6 +30,7 @@ CHUNK_IS_DONE, DECISION_IS_DUE, PLANT_CHANGES, TRUTH_IS_BROKEN = range(4)
 """Reasons for which a loop returns."""
 RIG_COLUMNS = len(RIG_CHANNELS) + 2
 """Columns of a rig's row before the truth: time, readings, set current."""
+_POLES = 100.0  # [1/s] of the loop with a free wheel
 
 
 class ControllerArrays(NamedTuple):
@@ -195,9 +196,6 @@ def finish_row(run, output, truth):
 def is_spent(sensors):
     """True if all random numbers of a `SensorChain` are used."""
     return sensors.column[0] >= sensors.noise.shape[1]
-
-
-_POLES = 100.0  # [1/s] of the loop with a free wheel
 
 
 class WheelSpeedLoops(NamedTuple):

@@ -42,6 +42,9 @@ _LEFT_X, _LEFT_Y, _RIGHT_X = 0, 1, 3
 _FULL = 32767.0
 _DEAD_ZONE = 0.12  # of full deflection: sticks do not return to zero exactly
 _EVENT_BYTES = 64 * _EVENT.size
+STALE_AFTER = 0.1
+"""Time between two reads beyond which directions typed meanwhile are outdated and ignored [s]."""
+_DISPLAY_PERIOD = 0.1  # [s]
 
 
 class Terminal:
@@ -247,11 +250,6 @@ class Gamepad:
     def close(self) -> None:
         """Close the file."""
         os.close(self._file)
-
-
-STALE_AFTER = 0.1
-"""Time between two reads beyond which directions typed meanwhile are outdated and ignored [s]."""
-_DISPLAY_PERIOD = 0.1  # [s]
 
 
 class KeyInput(Protocol):
