@@ -30,6 +30,19 @@ from omnimj.errors import InputError, MissingLibrary, OmnimjError, SimulationErr
 
 Progress = Callable[[str, float], None]
 """Called with a phrase and the finished share, 0 … 1; may raise KeyboardInterrupt."""
+CHOICES = ("threads", "dask:tcp://HOST:PORT", "slurm:jobs=N,cores=N,memory=8GB,walltime=HH:MM:SS")
+"""Forms of an address."""
+_SCHEDULER = re.compile(r"dask:((?:tcp|tls)://(?:[^\s/:\[\]]+|\[[0-9A-Fa-f:]+\]):(\d{1,5}))")
+_CONNECT_TIMEOUT = 10.0  # [s]
+_SLURM = {
+    "jobs": r"[1-9]\d{0,3}",
+    "cores": r"[1-9]\d{0,2}",
+    "memory": r"[1-9]\d{0,4}(MB|GB)",
+    "walltime": r"\d{1,3}:[0-5]\d:[0-5]\d",
+    "queue": r"[\w.-]+",
+    "account": r"[\w.-]+",
+}
+_SLURM_DEFAULTS = {"jobs": "1", "cores": "1", "memory": "4GB", "walltime": "01:00:00"}
 
 
 class WorkerPool:
@@ -143,21 +156,6 @@ def _exit_with_parent() -> None:
     assert parent is not None  # every worker has a parent
     parent.join()
     os._exit(1)  # no process is left that could receive a result
-
-
-CHOICES = ("threads", "dask:tcp://HOST:PORT", "slurm:jobs=N,cores=N,memory=8GB,walltime=HH:MM:SS")
-"""Forms of an address."""
-_SCHEDULER = re.compile(r"dask:((?:tcp|tls)://(?:[^\s/:\[\]]+|\[[0-9A-Fa-f:]+\]):(\d{1,5}))")
-_CONNECT_TIMEOUT = 10.0  # [s]
-_SLURM = {
-    "jobs": r"[1-9]\d{0,3}",
-    "cores": r"[1-9]\d{0,2}",
-    "memory": r"[1-9]\d{0,4}(MB|GB)",
-    "walltime": r"\d{1,3}:[0-5]\d:[0-5]\d",
-    "queue": r"[\w.-]+",
-    "account": r"[\w.-]+",
-}
-_SLURM_DEFAULTS = {"jobs": "1", "cores": "1", "memory": "4GB", "walltime": "01:00:00"}
 
 
 class WorkerLost(BrokenExecutor):

@@ -21,6 +21,13 @@ from omnimj.studies.random_truth import ALL_CLASSES, NONE, PAIRS, TWO
 from omnimj.studies.statistics import EventRate, Rate, event_rate, median, quantile, rate
 
 HEAVIER, LIGHTER = "heavier", "lighter"
+LARGE = math.radians(0.5)
+"""Heading excursion without recovery from which the ratio is limited [rad]."""
+MAX_RATIO = 1.05
+"""Largest ratio of the excursion with recovery to that without."""
+MAX_ADDED = math.radians(0.05)
+"""Largest excursion that recovery may add below `LARGE` [rad]."""
+_LITTLE_GRIP = 0.3
 
 
 @dataclass(frozen=True)
@@ -287,14 +294,6 @@ def _factor(factor: str, value: str, scores: Sequence[CaseScore]) -> FactorSumma
     )
 
 
-LARGE = math.radians(0.5)
-"""Heading excursion without recovery from which the ratio is limited [rad]."""
-MAX_RATIO = 1.05
-"""Largest ratio of the excursion with recovery to that without."""
-MAX_ADDED = math.radians(0.05)
-"""Largest excursion that recovery may add below `LARGE` [rad]."""
-
-
 @dataclass(frozen=True)
 class HeadingLimits:
     """Cases with faults whose heading the recovery should hold."""
@@ -333,9 +332,6 @@ def summarize_heading(scores: Sequence[CaseScore]) -> HeadingLimits:
     most, where = max(ratios, default=(None, ""))
     more, place = max(added, default=(None, ""))
     return HeadingLimits(len(ratios), most, where, len(added), more, place, tuple(sorted(beyond)), given_up)
-
-
-_LITTLE_GRIP = 0.3
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,9 @@ from omnimj.studies.runner import guarded
 
 SEED = 0
 """Default seed of the workflow, which draws the hold-out."""
+_THRESHOLDS = (0.05, 0.1, 0.2, 0.4, 0.8)  # in typical sizes
+_RIDGE = 1e-3
+_MOST = 8  # effects that forward selection may take
 
 
 @guarded
@@ -97,11 +100,6 @@ def hidden_candidate(replay: Replay, hidden: HiddenEffect) -> CandidateEffect:
         if candidate.label == hidden.label:
             return candidate
     raise ValueError(f"the search has no candidate {hidden.label}")
-
-
-_THRESHOLDS = (0.05, 0.1, 0.2, 0.4, 0.8)  # in typical sizes
-_RIDGE = 1e-3
-_MOST = 8  # effects that forward selection may take
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ _CONTENTS = ("results/*.json", "sets/*", NUMBERS, TEXT, "report.html")
 
 Search = Callable[[RealSet, Path, Path, int, bool], Finding]
 """Set, its dataset, folder for its files, seed, accept → finding; a function of a module, for workers."""
+HEADING = "Gap workflow on real measurements"
+_HEAD = ("set", "named", "expected", "found", "before", "after", "smaller by", "minutes")
 
 
 @dataclass(frozen=True)
@@ -166,10 +168,6 @@ def _dataset(one: RealSet, folder: Path) -> Path:
 
     write_import(plan_import(ImportConfig(one.logs, one.mapping)), folder / "dataset")
     return folder / "dataset"
-
-
-HEADING = "Gap workflow on real measurements"
-_HEAD = ("set", "named", "expected", "found", "before", "after", "smaller by", "minutes")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,11 @@ LEVELS = 4
 _JUMP = LEVELS // 2
 STEP = _JUMP / (LEVELS - 1)
 """Step Δ = p/(2(p − 1)), with which all levels are visited equally often."""
+_DRAWS = 2000
+_TAIL = 2.5  # [%] on either side of an interval
+_NULL_DRAWS = 20_000
+_CHANCE = 0.05  # probability that noise alone puts any parameter of a result above its floor
+RANKED, UNSURE, BELOW, NONE, UNKNOWN = "ranked", "unsure", "below the floor", "no effect", "not known"
 
 
 def trajectory(seed: int, index: int, parameters: int) -> Array:
@@ -43,12 +48,6 @@ def trajectory(seed: int, index: int, parameters: int) -> Array:
     for k, moved in enumerate(random.permutation(parameters), start=1):
         points[k:, moved] += _JUMP if rising[moved] else -_JUMP
     return points / (LEVELS - 1)
-
-
-_DRAWS = 2000
-_TAIL = 2.5  # [%] on either side of an interval
-_NULL_DRAWS = 20_000
-_CHANCE = 0.05  # probability that noise alone puts any parameter of a result above its floor
 
 
 @dataclass(frozen=True)
@@ -147,9 +146,6 @@ def noise_floor(repeats: Iterable[float], trajectories: int, parameters: int, se
     for _ in range(trajectories):
         means += differences[random.integers(0, len(differences), _NULL_DRAWS)] / trajectories
     return float(np.quantile(means, (1.0 - _CHANCE) ** (1.0 / max(parameters, 1))))
-
-
-RANKED, UNSURE, BELOW, NONE, UNKNOWN = "ranked", "unsure", "below the floor", "no effect", "not known"
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,14 @@ from omnimj.studies.tuning.search import Candidate, GainAxis
 from omnimj.studies.tuning.trial import TrialMetrics
 
 TRACKING, EFFORT, SLIP, DETECTION, MARGINS = "tracking", "effort", "slip", "detection", "margins"
+MOVE_WEIGHT = 0.002
+"""Weight of the mean square of ln(gain/gain before), which keeps gains without effect unchanged."""
+_MIN_MARGIN = 1.0  # [°] smallest margin in the cost term; a limit rejects smaller ones anyway
+_BROKE = 10.0  # violation of a run that failed
+_INFEASIBLE, _MAX_COST = 1e3, 999.0  # fitness from which a limit is violated; largest other cost
+REACH = 1.5
+"""Factor by which a grid extends above and below the result."""
+_PAIRS = 2
 
 
 @dataclass(frozen=True)
@@ -45,11 +53,6 @@ TERMS: Mapping[str, Term] = MappingProxyType(
     }
 )
 """Terms by the names of `TrialMetrics`, and `margin`: smallest phase margin before over that now."""
-MOVE_WEIGHT = 0.002
-"""Weight of the mean square of ln(gain/gain before), which keeps gains without effect unchanged."""
-_MIN_MARGIN = 1.0  # [°] smallest margin in the cost term; a limit rejects smaller ones anyway
-_BROKE = 10.0  # violation of a run that failed
-_INFEASIBLE, _MAX_COST = 1e3, 999.0  # fitness from which a limit is violated; largest other cost
 
 
 @dataclass(frozen=True)
@@ -155,11 +158,6 @@ def _term(name: str, found: Sequence[TrialMetrics], before: Sequence[TrialMetric
         elif value is not None and usual is not None:
             ratios.append((value + floor) / (usual + floor))
     return sum(ratios) / len(ratios) if ratios else 1.0
-
-
-REACH = 1.5
-"""Factor by which a grid extends above and below the result."""
-_PAIRS = 2
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ Uses = Sequence[Sequence[Sequence[float]]]
 MISSED = 2.0
 """Upper limit of a detection delay, also used for a fault that is never found [s]."""
 _FULL = 0.999  # share of the current limit from which a wheel counts as saturated
+PLAN = "tuning_plan.json"
 
 
 @dataclass(frozen=True)
@@ -200,9 +201,6 @@ def _uses(healthy: Trace) -> list[list[list[float]]]:
         [[float(time[start]), float(time[min(end, last)])] for start, end in true_stretches(wheel)]
         for wheel in works.T
     ]
-
-
-PLAN = "tuning_plan.json"
 
 
 class TrialBatch:

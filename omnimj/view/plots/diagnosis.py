@@ -24,6 +24,8 @@ _ROW = 215  # height of one of several families of residuals [pixels]
 _LANE, _BAR, _AROUND = 26, 0.72, 80  # least height of a lane, height of a bar in lanes, all other heights
 _SEEN = 400  # most changes of mode that can be distinguished
 _WIDE = 0.018  # share of the duration needed per letter of a label inside its bar
+_FLOOR_ROW = 130  # height of a wheel's panel [pixels]
+_MARGIN = 0.06  # of the probability axis
 
 
 def residual_families(
@@ -222,10 +224,6 @@ def _modes(panel: Panel, row: int, trace: Trace, method: str, is_rig: bool) -> N
         texts = [f"{name}, {start:.3f} to {end:.3f} s" for start, end in lengths]
         color, middle = palette.state_color(name), [row] * int(own.sum())
         panel.bars(time[starts][own], ends[own], middle, _BAR, color, name, texts)
-
-
-_FLOOR_ROW = 130  # height of a wheel's panel [pixels]
-_MARGIN = 0.06  # of the probability axis
 
 
 def floor_probabilities(time: Array, probability: Array, truth: Array | None, floor: str) -> Drawing:

@@ -26,6 +26,18 @@ from omnimj.view.plots.runs import draw_path, equal_with_room, map_from_above
 _MOST_POINTS = 1500
 _MM = 1000.0
 _SLIP = "slip velocity V_r [mm/s]"
+_PLANTS = {"twin": (palette.ACCENT, "-"), "planar": (palette.HEALTHY, (0, (5, 2)))}
+_BEYOND = 1.15  # times the largest slip of its points, to which a curve extends
+_LABEL = "F / F_N along the drive"
+_SOURCES = {"data": (palette.MEASURED, "circle"), "data and prior": (palette.ACCENT, "diamond")}
+_PRIOR = (palette.MUTED, "square")
+STYLES = {
+    "twin": (palette.ACCENT, "-", 1.4),
+    "planar": (palette.HEALTHY, (0, (5, 2)), 1.4),
+    "rolling": (palette.MUTED, (0, (2, 2)), 1.0),
+}
+"""Colour, dash pattern and line width by plant."""
+_DEGREES = 180.0 / np.pi
 
 
 def curve(floor: IdentifiedFloor) -> Drawing:
@@ -97,9 +109,6 @@ def _residuals(runs: Sequence[tuple[str, Array, Array]], label: str) -> Drawing:
     return finish(drawing, np.array([times.min(), times.max()]), ())
 
 
-_PLANTS = {"twin": (palette.ACCENT, "-"), "planar": (palette.HEALTHY, (0, (5, 2)))}
-
-
 def speed_overlay(runs: Sequence[ReplayedRun]) -> Drawing:
     """Overlay a measured run with each plant's simulation: carriage speed, and simulated − measured."""
     drawing, first = new_drawing(TALL, rows=2), runs[0]
@@ -116,10 +125,6 @@ def speed_overlay(runs: Sequence[ReplayedRun]) -> Drawing:
         error.rippling(run.time[counted], away[counted], color, run.plant, dash)
     speed.legend()
     return finish(drawing, first.time, ())
-
-
-_BEYOND = 1.15  # times the largest slip of its points, to which a curve extends
-_LABEL = "F / F_N along the drive"
 
 
 def over_slip(curves: TractionCurves) -> Drawing:
@@ -140,10 +145,6 @@ def over_slip(curves: TractionCurves) -> Drawing:
     panel.rule(0.0)
     panel.legend()
     return panel.finish()
-
-
-_SOURCES = {"data": (palette.MEASURED, "circle"), "data and prior": (palette.ACCENT, "diamond")}
-_PRIOR = (palette.MUTED, "square")
 
 
 def identified_numbers(found: RobotIdentification) -> Drawing:
@@ -168,15 +169,6 @@ def identified_numbers(found: RobotIdentification) -> Drawing:
     panel.rule(1.0, across=False)
     panel.legend()
     return panel.finish()
-
-
-STYLES = {
-    "twin": (palette.ACCENT, "-", 1.4),
-    "planar": (palette.HEALTHY, (0, (5, 2)), 1.4),
-    "rolling": (palette.MUTED, (0, (2, 2)), 1.0),
-}
-"""Colour, dash pattern and line width by plant."""
-_DEGREES = 180.0 / np.pi
 
 
 def drive_paths(runs: Sequence[DrivenRun]) -> Drawing:

@@ -27,6 +27,11 @@ from omnimj.view.report.page import (
     write_page,
 )
 
+_HEAD = ("case", "suite", "floor", "speed", "plant", "truth", "diagnosed", "outcome")
+_DELAYS = ("delay since onset", "in use")
+_OUTCOMES = ("missed", "wrong", AMBIGUOUS, "false alarm", "isolated", "no alarm")
+"""Outcomes, those to look at first in front."""
+
 
 def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
     """Write the report of an evaluation."""
@@ -108,12 +113,6 @@ def evaluation_figures(result: EvaluationResult) -> list[list[Figure]]:
             ]
         )
     return rows
-
-
-_HEAD = ("case", "suite", "floor", "speed", "plant", "truth", "diagnosed", "outcome")
-_DELAYS = ("delay since onset", "in use")
-_OUTCOMES = ("missed", "wrong", AMBIGUOUS, "false alarm", "isolated", "no alarm")
-"""Outcomes, those to look at first in front."""
 
 
 def outcome_of(score: CaseScore) -> str:

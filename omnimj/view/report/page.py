@@ -29,6 +29,17 @@ _MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"
 _MANY, _SENTENCE = 4, 40  # columns, and letters in a cell, from which rows are stacked on a phone
 _BROAD = 780  # width of a still picture across the page [pixels]
 _WIDE = 5  # columns from which rows are always stacked on a phone
+_TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+FEW_RUNS = 3
+"""Number of runs up to which a page has no search field."""
+MOST_FIGURES = 40
+"""Largest number of runs with plots, which keeps the page small enough for a browser."""
 
 
 @dataclass(frozen=True)
@@ -191,20 +202,7 @@ def _figures(content: Any) -> Iterator[Figure]:
         yield from itertools.chain.from_iterable(_figures(getattr(content, f.name)) for f in fields(content))
 
 
-_TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent / "templates"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
 _TEMPLATES.filters["command_line"] = command_line
-
-
-FEW_RUNS = 3
-"""Number of runs up to which a page has no search field."""
-MOST_FIGURES = 40
-"""Largest number of runs with plots, which keeps the page small enough for a browser."""
 
 
 @dataclass(frozen=True)

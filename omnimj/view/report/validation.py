@@ -19,6 +19,7 @@ from omnimj.view.report.page import Cell, Figure, Table, number, plot, table, wr
 from omnimj.view.wording import percent
 
 _MOST_OVERLAYS = 8
+_HEAD = ("wheels", "runs", "plant", "body", "simulated", "error", "currents", "yaw rate", "end of path")
 
 
 def write_validation_report(path: Path, found: Validation, command: str = "") -> None:
@@ -109,9 +110,6 @@ def overlays(found: Validation) -> list[Figure]:
         caption = f"{condition}; RMS {errors} m/s"
         figures.append(plot(plots.speed_overlay(runs), f"run-{k}", first.run, caption))
     return figures
-
-
-_HEAD = ("wheels", "runs", "plant", "body", "simulated", "error", "currents", "yaw rate", "end of path")
 
 
 def write_drives_report(path: Path, found: DriveValidation, command: str = "") -> None:
