@@ -34,7 +34,6 @@ from omnimj.control.detection.robust.glr import (
     clear_scores,
     coloured_variance,
     initial_history,
-    inverted,
     likelihood_ratios,
     no_scores,
     push_block,
@@ -44,6 +43,7 @@ from omnimj.control.detection.robust.parameter_filter import (
     ParameterModel,
     parameter_model,
     prior_deviation,
+    short_term_precision,
     update_parameters,
     with_degraded_motors,
 )
@@ -316,7 +316,7 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
             _learn(robot, evidence, model.walk, noise, row)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(robot, evidence, model.walk, noise, row, quiet and not accommodation.relearning)
-        precision = inverted(cov + np.diag(model.short_term))
+        precision = short_term_precision(cov, model.short_term, lasting(n))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
         evidence.scores.likelihood[:] /= noise

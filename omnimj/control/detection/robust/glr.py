@@ -288,22 +288,26 @@ def _score_window(gram, left, window, chol, solved, whitened, model, scores):
     """
     pulled, p, length = left.pull[window], solved.size, float(_LENGTHS[window])
     shift, beside = np.empty(p), np.empty(p)
-    for h in range(scores.size.size):
-        column, score = gram[h, h], pulled[h]
-        for j in range(p):
-            score -= whitened[j, h] * solved[j]
-            column -= whitened[j, h] * whitened[j, h]
-        if column <= 1e-6:
+    score, column = pulled[: scores.size.size].copy(), np.empty(scores.size.size)
+    for h in range(column.size):
+        column[h] = gram[h, h]
+    for j in range(p):  # by rows, which are contiguous
+        row, factor = whitened[j], solved[j]
+        for h in range(column.size):
+            score[h] -= row[h] * factor
+            column[h] -= row[h] * row[h]
+    for h in range(column.size):
+        if column[h] <= 1e-6:
             continue
-        size = min(max(score / column, model.smallest[h]), model.largest[h])
-        likelihood = 0.5 * size * (2.0 * score - size * column)
+        size = min(max(score[h] / column[h], model.smallest[h]), model.largest[h])
+        likelihood = 0.5 * size * (2.0 * score[h] - size * column[h])
         if likelihood <= scores.likelihood[h]:
             continue
         for j in range(p):
             shift[j] = solved[j] - size * whitened[j, h]
         solve_lower_transposed(chol, shift)
         squares = left.squares[window] - size * (2.0 * pulled[h] - size * gram[h, h])
-        for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows, which are contiguous
+        for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows
             row, value = gram[j], shift[j]
             beside[j] = 2.0 * (size * (gram[h, j] if j <= h else row[h]) - pulled[j]) + row[j] * value
             for q in range(j):
@@ -313,7 +317,7 @@ def _score_window(gram, left, window, chol, solved, whitened, model, scores):
         likelihood /= max(1.0, squares / (3.0 * length))
         if likelihood > scores.likelihood[h]:
             scores.likelihood[h], scores.size[h] = likelihood, size
-            scores.deviation[h], scores.window[h] = column**-0.5, length
+            scores.deviation[h], scores.window[h] = column[h] ** -0.5, length
 
 
 @kernel

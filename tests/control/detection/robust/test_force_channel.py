@@ -37,6 +37,7 @@ from omnimj.control.detection.robust.parameter_filter import (
     LOSS,
     parameter_model,
     prior_deviation,
+    short_term_precision,
     significant_losses,
     update_parameters,
 )
@@ -202,6 +203,17 @@ def test_learning_block_by_block_is_one_least_squares_with_the_prior():
     information = rows.T @ rows + np.diag(prior_deviation(N) ** -2)
     assert mean == pytest.approx(np.linalg.solve(information, rows.T @ rho.reshape(-1)), abs=1e-9)
     assert cov == pytest.approx(np.linalg.inv(information), abs=1e-12)
+
+
+def test_whatever_was_learnt_the_precision_is_the_inverse_of_the_covariance_from_window_to_window():
+    rng, theta, cov = np.random.default_rng(5), np.zeros(P), np.diag(prior_deviation(N) ** 2)
+    model, identity = parameter_model(N, 0.01, 120.0), np.eye(P)
+    for _ in range(50):
+        update_parameters(
+            theta, cov, model.walk, lasting(N), 1.0, rng.normal(size=(3, P)), rng.normal(size=3)
+        )
+    found = short_term_precision(cov, model.short_term, lasting(N))
+    assert found @ (cov + np.diag(model.short_term)) == pytest.approx(identity, abs=1e-9)
 
 
 @pytest.mark.parametrize("length", WINDOWS)
