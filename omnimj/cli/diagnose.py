@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
     from omnimj.parameters.floor import Floor
     from omnimj.recording.dataset import Dataset
-    from omnimj.view.report.run_sections import RunSection
+    from omnimj.view.report.page import RunSection
 
 
 _NOT_WRITTEN = (
@@ -170,7 +170,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
     from omnimj.recording.traces import write_trace
     from omnimj.signals import Trace
     from omnimj.view.report.diagnosis import bins_for, run_section
-    from omnimj.view.report.run_sections import MOST_FIGURES
+    from omnimj.view.report.page import MOST_FIGURES
 
     out, runs = arguments.out, order.dataset.runs
     names = make_detector(order.method, order.machine, runs[0], order.floors).log_names

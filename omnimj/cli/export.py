@@ -24,9 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: Any) -> int:
     """Read a run and write it in another format."""
-    from omnimj.recording.exporting.csv_file import write_csv
-    from omnimj.recording.exporting.mat_file import write_mat
-    from omnimj.recording.exporting.mcap_file import write_mcap
+    from omnimj.recording.exporting.files import write_csv, write_mat
+    from omnimj.recording.exporting.messages import write_mcap
     from omnimj.recording.exporting.source import read_run
     from omnimj.recording.folder import make_parents
 

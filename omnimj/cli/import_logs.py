@@ -83,7 +83,7 @@ def run(arguments: Any) -> int:
 def _write_proposal(plan: ImportPlan, arguments: Any) -> str:
     """Write the proposed mapping, unless an earlier one is there; return what was done in words."""
     from omnimj.recording.folder import make_parents
-    from omnimj.recording.importing.mapping_text import mapping_text
+    from omnimj.recording.importing.mapping import mapping_text
     from omnimj.recording.json_files import write_text
 
     first = arguments.files[0]

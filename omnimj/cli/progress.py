@@ -97,7 +97,7 @@ def run_on_executor(arguments: Any, run: Callable[..., Any], config: Any) -> Any
       run: Function of configuration, progress report and executor, such as `run_evaluation`.
       config: Its configuration.
     """
-    from omnimj.studies.executors import open_executor
+    from omnimj.studies.workers import open_executor
 
     with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
         return run(config, bar.show_share, executor)

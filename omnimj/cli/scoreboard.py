@@ -65,8 +65,7 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 def _run(arguments: Any, folder: Path) -> ScoreboardResult:
     from omnimj.studies.scoreboard.sets import known_sets
-    from omnimj.studies.scoreboard.study import ScoreboardConfig, run_scoreboard
-    from omnimj.studies.scoreboard.tables import HEADING
+    from omnimj.studies.scoreboard.study import HEADING, ScoreboardConfig, run_scoreboard
     from omnimj.view.report.evaluation import write_tables_report
 
     order = ScoreboardConfig(

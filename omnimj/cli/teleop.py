@@ -184,8 +184,8 @@ class _Session:
         from omnimj.simulate.detectors import make_detector
         from omnimj.simulate.run import make_diagnosing_controller
         from omnimj.simulate.teleop import devices
+        from omnimj.simulate.teleop.devices import Operator
         from omnimj.simulate.teleop.driving import TeleopCallbacks, drive_by_hand
-        from omnimj.simulate.teleop.operator import Operator
         from omnimj.simulate.teleop.steering import KEYS_HELP as KEYS
         from omnimj.simulate.teleop.steering import Steering
 

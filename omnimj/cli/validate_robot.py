@@ -79,7 +79,7 @@ def _check_recording(arguments: Any, dataset: Dataset) -> None:
 def _write(arguments: Any, found: DriveValidation, content: dict[str, Any], robot: Robot) -> None:
     from omnimj.recording.folder import make_folder
     from omnimj.recording.json_files import write_json
-    from omnimj.view.report.drives import write_drives_report
+    from omnimj.view.report.validation import write_drives_report
     from omnimj.view.rerun.side_by_side import write_side_by_side
 
     out = arguments.out

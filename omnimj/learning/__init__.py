@@ -9,10 +9,10 @@ sees measurements and targets, as a controller does; the truth about pose and fa
     environment = gymnasium.make("omnimj/OmniDrive-v0", plant="planar", floor="pvc")
     many = gymnasium.make_vec("omnimj/OmniDrive-v0", num_envs=16, plant="planar")
 
-- `options`: the options of an environment
+- `options`: the options of an environment, and its random motions
 - `observation`: what the policy sees
-- `simulation`: one robot under a policy, common to both kinds of environment; `period`, `planar`, `twin` are
-  its kernels, `missions` its random motions
+- `simulation`: one robot under a policy, common to both kinds of environment; `period` and
+  `twin` are its kernels
 - `environment`, `vector`: the two kinds; `picture` draws them
 - `registration`: their names in Gymnasium
 """

@@ -20,7 +20,9 @@ from omnimj.control.cascade.heading import to_body, wrapped
 from omnimj.control.cascade.limits import limit_all
 from omnimj.learning.observation import ACCELERATION, HEADING, LIMIT, PLACE, VELOCITY, YAW_RATE
 from omnimj.physics.native import inlined, kernel
+from omnimj.plant.planar import step_planar, write_planar_truth
 from omnimj.signals import Array
+from omnimj.simulate.compiled.row import CHUNK_IS_DONE, PLANT_CHANGES, TRUTH_IS_BROKEN, is_spent
 
 TWIST, WHEEL_SPEEDS, CURRENTS = range(3)
 """Kinds of action."""
@@ -185,3 +187,30 @@ def observe(p, e, plan):
     seen[2 * n + 9] = _scaled(plan.yaw_rate[ahead], YAW_RATE)
     x, y = to_body(plan.columns[at, 0] - e.reckoned[0], plan.columns[at, 1] - e.reckoned[1], heading)
     seen[2 * n + 10], seen[2 * n + 11] = _scaled(x, PLACE), _scaled(y, PLACE)
+
+
+@kernel
+def act_on_planar(plant, setup, episode, plan, next_change):
+    """Drive until the end of the decision or until Python is needed; observe at the end.
+
+    Args:
+      plant: `PlanarArrays`.
+      setup: Record of `Setup`.
+      episode: Record of `Episode`, changed in place.
+      plan: `Plan`.
+      next_change: Time from which the plant has conditions to change [s].
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    p, e = setup[0], episode[0]
+    while e.period < e.end:
+        if plant.steps[0] * plant.period >= next_change or is_spent(plant.sensors):
+            return PLANT_CHANGES
+        set_currents(p, e, plan, plant.steps[0] * plant.period)
+        e.readings[:] = step_planar(plant, e.cascade.current)
+        write_planar_truth(plant, e.truth)
+        if not account(p, e, plan, plant.values):
+            return TRUTH_IS_BROKEN
+    observe(p, e, plan)
+    return CHUNK_IS_DONE

@@ -238,7 +238,7 @@ def _blank(task: Task, controller: Controller) -> Episode:
 def _loop(plant: str) -> Callable[..., int]:
     """Compiled loop of a kind of plant; a planar robot needs no MuJoCo."""
     if plant == "planar":
-        from omnimj.learning.planar import act_on_planar
+        from omnimj.learning.period import act_on_planar
 
         return act_on_planar
     from omnimj.learning.twin import act_on_twin

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from omnimj.learning.period import account, observe, set_currents
 from omnimj.physics.native import kernel
-from omnimj.plant.mujoco.robot_step import step_twin, twin_time, write_twin_truth
+from omnimj.plant.mujoco.step import step_twin, twin_time, write_twin_truth
 from omnimj.simulate.compiled.row import CHUNK_IS_DONE, PLANT_CHANGES, TRUTH_IS_BROKEN, is_spent
 
 

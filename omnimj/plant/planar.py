@@ -233,10 +233,6 @@ class PlanarRobot(StagedPlant):
         write_planar_truth(self._arrays, row)
         return row
 
-    def arrays(self) -> PlanarArrays:
-        """Arrays for kernels that step the robot in a loop, once `prepare_step` has been called."""
-        return self._arrays
-
     def _enter(self, stage: int) -> None:
         """Begin a stage; motors that are braked stay so."""
         self._at, now = stage, self._stages[stage]
@@ -260,6 +256,3 @@ class PlanarRobot(StagedPlant):
         mask[[wheel - 1 for wheel in wheels]] = 1
         short_planar_motors(self._arrays, mask)
         self._braked = wheels
-
-    def _measured(self, readings: Array) -> Measurement:
-        return self._sensors.as_measurement(int(self._steps[0]) * self.period, readings)

@@ -219,10 +219,6 @@ class PlanarRig(StagedPlant):
         write_planar_rig_truth(self._arrays, row)
         return row
 
-    def arrays(self) -> PlanarRigArrays:
-        """Arrays for kernels that step the rig in a loop, once `prepare_step` has been called."""
-        return self._arrays
-
     def _enter(self, stage: int) -> None:
         self._at = stage
         self._arrays = PlanarRigArrays(
@@ -236,6 +232,3 @@ class PlanarRig(StagedPlant):
             self._sensors.values,
             self._sensors.chain,
         )
-
-    def _measured(self, readings: Array) -> RigMeasurement:
-        return self._sensors.as_measurement(int(self._steps[0]) * self.period, readings)

@@ -1,4 +1,7 @@
-"""Stages of a planar run: its conditions change at few times and are constant in between."""
+"""What simulated plants share, and stages of a planar run.
+
+The conditions of a planar run change at few times and are constant in between.
+"""
 
 from __future__ import annotations
 
@@ -42,18 +45,36 @@ class Stage(Protocol):
         ...
 
 
-class StagedPlant:
-    """Planar plant whose conditions change from stage to stage."""
+class KernelPlant:
+    """Simulated plant whose kernels read and change a tuple of arrays."""
 
     period: float
     """Control period [s]."""
+    _arrays: Any
+    """Arrays of the plant, with `steps`, the control periods since the start, shape (1,), integer."""
+    _sensors: Any
+    """`RigSensors` or `RobotSensors`."""
+
+    def arrays(self) -> Any:
+        """Arrays for kernels that step the plant in a loop, once `prepare_step` has been called."""
+        return self._arrays
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
+    def _measured(self, readings: Array) -> Any:
+        """Readings now as `Measurement` or `RigMeasurement`."""
+        return self._sensors.as_measurement(int(self._arrays.steps[0]) * self.period, readings)
+
+
+class StagedPlant(KernelPlant):
+    """Planar plant whose conditions change from stage to stage."""
+
     _stages: Sequence[Stage]
     _at: int
     """Present stage."""
     _steps: Array
     """Control periods since the start, shape (1,), integer."""
-    _sensors: Any
-    """`RigSensors` or `RobotSensors`."""
 
     @property
     def next_change(self) -> float:
@@ -66,9 +87,6 @@ class StagedPlant:
         while int(self._steps[0]) * self.period >= self.next_change:
             self._enter(self._at + 1)
         self._sensors.refill()
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
 
     def _enter(self, stage: int) -> None:
         """Begin a stage."""

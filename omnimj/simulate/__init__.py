@@ -2,7 +2,7 @@
 
 - `loop`: the step generator and the trace that it records.
 - `compiled`: the same loop as one compiled function.
-- `driving`: robots driven along references and rigs driven by currents, by one of the two.
+- `driving`: robots driven along references or at wheel speeds, rigs driven by currents, by one of the two.
 - `kinematic`: the kinematic level, a plant without forces.
 - `run`: runs a scenario; `plants` and `detectors` make what it needs.
 - `metrics`, `judging`, `summary`: metrics, scores of the diagnoses, and `metrics.json`.

@@ -1,7 +1,7 @@
-"""Robots driven along references by controllers, and rigs driven by currents, as recorded traces.
+"""Robots driven along references by controllers or at given wheel speeds, and rigs driven by currents.
 
 Plants and controllers with kernels of their own run in a compiled loop (`compiled`), all others step by step
-(`loop`); both give the same trace.
+(`loop`); both record the same trace.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from omnimj.control.detection.detector import FaultDetector
-from omnimj.plant.interface import RIG_CHANNELS, Plant, robot_channels
+from omnimj.errors import SimulationError
+from omnimj.parameters import Robot
+from omnimj.plant.interface import RIG_CHANNELS, Plant
 from omnimj.signals import (
     Array,
     CurrentCommand,
@@ -23,11 +25,19 @@ from omnimj.signals import (
     RigMeasurement,
     Target,
     Trace,
+    robot_channels,
 )
 from omnimj.simulate import loop
-from omnimj.simulate.compiled.row import RIG_COLUMNS
-from omnimj.simulate.compiled.run import CompiledRigRun, CompiledRun, compiled_loop, compiled_rig_loop
+from omnimj.simulate.compiled.row import RIG_COLUMNS, wheel_speed_loops
+from omnimj.simulate.compiled.run import (
+    CompiledFollowing,
+    CompiledRigRun,
+    CompiledRun,
+    compiled_loop,
+    compiled_rig_loop,
+)
 from omnimj.simulate.loop import (
+    LARGEST_TRUTH,
     NO_CALLBACKS,
     Callbacks,
     Snapshot,
@@ -292,3 +302,28 @@ def drive_rig_stepwise(
 
 def _with_diagnoses(trace: Trace, diagnoses: tuple[Diagnosis, ...]) -> Trace:
     return Trace(trace.columns, {**trace.about, "diagnoses": [dataclasses.asdict(d) for d in diagnoses]})
+
+
+def follow_wheel_speeds(plant: Any, robot: Robot, targets: Array) -> Trace:
+    """Drive a simulated robot by wheel-speed control alone, stiffer than the robot's own.
+
+    Args:
+      plant: `RobotTwin` or `PlanarRobot`; reset by this call.
+      robot: Gives inertia, motor and current limits.
+      targets: Wheel speeds of every control period, shape (rows, n) [rad/s].
+
+    Returns:
+      `time`, readings, set currents and truth of every control period.
+
+    Raises:
+      SimulationError: The simulation left finite numbers.
+    """
+    sets = tuple(f"current_target_{i}" for i in range(1, robot.wheel_count + 1))
+    names = ("time", *robot_channels(robot.wheel_count), *sets, *plant.truth_names)
+    table = np.full((len(targets), len(names)), np.nan)
+    run = CompiledFollowing(plant, wheel_speed_loops(robot, plant.period), targets)
+    for _ in run.advance(table, np.empty((0, 0)), 1, LARGEST_TRUTH):
+        pass
+    if run.done < len(targets):
+        raise SimulationError(f"the truth is not finite after {run.done * plant.period:.4g} s")
+    return Trace(dict(zip(names, np.ascontiguousarray(table.T), strict=True)), {})

@@ -99,7 +99,8 @@ def _largest(values: Array) -> float:
     return float(np.max(np.abs(values)))
 
 
-def _rms(values: Array) -> float:
+def rms(values: Array) -> float:
+    """√(mean of squares) over values of any shape, in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -124,7 +125,7 @@ def _position_metrics(trace: Trace, has_path: bool) -> dict[str, float | None]:
     }
     if has_path:
         error = distance_to_path(centre, _extended(planned))
-        found |= {"path_error_max": _largest(error), "path_error_rms": _rms(error)}
+        found |= {"path_error_max": _largest(error), "path_error_rms": rms(error)}
     return found
 
 
@@ -166,11 +167,11 @@ def _current_metrics(trace: Trace) -> dict[str, float | None]:
         # the current monitor is noisy: averaged over the last tenth of a second, or a tenth of a short run
         tail = max(1, min(len(trace["current"]) // 10, int(np.searchsorted(trace["time"], 0.1))))
         return {
-            "rms_current": _rms(trace["current"]),
+            "rms_current": rms(trace["current"]),
             "final_current": float(trace["current"][-tail:].mean()),
         }
     if "current_1" in trace:
         currents = trace.wheels("current")
-        each = {f"rms_current_{i}": _rms(current) for i, current in enumerate(currents.T, start=1)}
-        return {"rms_current": _rms(currents), **each}
+        each = {f"rms_current_{i}": rms(current) for i, current in enumerate(currents.T, start=1)}
+        return {"rms_current": rms(currents), **each}
     return {}

@@ -40,19 +40,18 @@ from omnimj.view.diagnosis_words import (
 )
 from omnimj.view.plots import mismatch
 from omnimj.view.plots.document import stacked
+from omnimj.view.plots.identification import identified_numbers
 from omnimj.view.plots.over_time import finish
 from omnimj.view.plots.panels import MIDDLE, Drawing, new_drawing
-from omnimj.view.plots.robot_numbers import identified_numbers
 from omnimj.view.report import finding_tables
 from omnimj.view.report.diagnosis import diagnoses_table, run_section
-from omnimj.view.report.drives import drive_figures, groups_table
 from omnimj.view.report.evaluation import evaluation_figures, plain_text
 from omnimj.view.report.gap import gap_verdict, location_figures, rounds, size_figures, traction_figures
 from omnimj.view.report.identification import floor_figures, parameters_table
 from omnimj.view.report.page import Figure, Table, number, plot, render_part, table
 from omnimj.view.report.run import checks_table, run_figures, run_verdict
 from omnimj.view.report.tuning import tuning_figures, tuning_tables
-from omnimj.view.report.validation import overlays
+from omnimj.view.report.validation import drive_figures, groups_table, overlays
 
 _MOST_RUNS = 30  # rows of a table
 

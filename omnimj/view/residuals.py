@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -30,18 +31,18 @@ class Residual:
 class Family:
     """Residuals of one quantity, shown in one plot."""
 
-    name: str
-    """Name of the family, such as `motor`, `slip` or `wheel_speed`."""
     heading: str
     quantity: str
     """Axis label without the unit."""
-    unit: str
+    unit: str = ""
     """Unit; empty for an unknown quantity."""
-    words: str
+    words: str = ""
     """Explanation for the caption."""
-    residuals: tuple[Residual, ...]
     is_signed: bool = False
     """True if the threshold applies to both signs."""
+    name: str = ""
+    """Name of the family, such as `motor`, `slip` or `wheel_speed`."""
+    residuals: tuple[Residual, ...] = ()
 
     @property
     def label(self) -> str:
@@ -54,65 +55,56 @@ class Family:
         return tuple(r.threshold for r in self.residuals if r.threshold is not None)
 
 
-@dataclass(frozen=True)
-class _Meaning:
-    heading: str
-    quantity: str
-    unit: str
-    words: str
-    is_signed: bool = False
-
-
 _BALANCE = (
     "Motor forces less inertial forces from accelerometer and gyro. "
     "Model errors remain in it: payload, friction, holding forces at rest."
 )
-_ROBUST: Mapping[str, _Meaning] = {
-    "force": _Meaning("Balance of forces", "unexplained force", "N", _BALANCE, True),
-    "moment": _Meaning("Balance of moments", "unexplained moment", "N·m", _BALANCE, True),
-    "motor": _Meaning(
+_ROBUST: Mapping[str, Family] = {
+    "force": Family("Balance of forces", "unexplained force", "N", _BALANCE, True),
+    "moment": Family("Balance of moments", "unexplained moment", "N·m", _BALANCE, True),
+    "motor": Family(
         "Evidence for a weak motor",
         "log likelihood ratio",
         "nat",
         "Likelihood of a weak motor of this wheel, given the balance, against a healthy robot.",
     ),
-    "slip": _Meaning(
+    "slip": Family(
         "Evidence for slip",
         "slip distance",
         "m",
         "Travel of the rim less travel of the wheel over the floor, counted up to 2 mm.",
     ),
 }
-_PUBLISHED: Mapping[str, _Meaning] = {
-    "wheel_speed": _Meaning(
+_PUBLISHED: Mapping[str, Family] = {
+    "wheel_speed": Family(
         "Wheel speeds against the model",
         "measured − model",
         "rad/s",
         "The model is driven by the measured currents, open loop (r3 to r6).",
         True,
     ),
-    "force": _Meaning(
+    "force": Family(
         "Two ways to compute the force",
         "RMS difference",
         "N",
         "From the motor currents and from the acceleration; RMS since the start (R7 and R8).",
     ),
 }
-_PUBLISHED_RIG: Mapping[str, _Meaning] = {
-    "wheel_speed": _Meaning(
+_PUBLISHED_RIG: Mapping[str, Family] = {
+    "wheel_speed": Family(
         "Wheel speed against the model",
         "RMS difference",
         "rad/s",
         "The model is driven by the measured current, open loop; RMS since the start (R1).",
     ),
-    "force": _Meaning(
+    "force": Family(
         "Two ways to compute the force",
         "RMS difference",
         "N",
         "From the motor current and from the acceleration; RMS since the start (R2).",
     ),
 }
-_MEANINGS: Mapping[str, Mapping[str, _Meaning]] = {"robust": _ROBUST, "published": _PUBLISHED}
+_MEANINGS: Mapping[str, Mapping[str, Family]] = {"robust": _ROBUST, "published": _PUBLISHED}
 
 
 def families(columns: Collection[str], method: str, printed: bool = False) -> list[Family]:
@@ -138,7 +130,14 @@ def families(columns: Collection[str], method: str, printed: bool = False) -> li
             found.setdefault(name, []).append(
                 _residual(column, threshold if threshold in columns else None, place)
             )
-    return [_family(name, tuple(residuals), meanings.get(name), printed) for name, residuals in found.items()]
+    return [_family(meanings.get(name), name, tuple(found[name]), printed) for name in found]
+
+
+def _family(known: Family | None, name: str, residuals: tuple[Residual, ...], printed: bool) -> Family:
+    words = name.replace("_", " ")
+    family = Family(f"Residual: {words}", words) if known is None else known
+    signed = family.is_signed and not printed
+    return dataclasses.replace(family, name=name, residuals=residuals, is_signed=signed)
 
 
 def _residual(column: str, threshold: str | None, place: str) -> Residual:
@@ -148,11 +147,3 @@ def _residual(column: str, threshold: str | None, place: str) -> Residual:
     if place:
         return Residual(column, threshold, f"along {place}", _AXES[place], None)
     return Residual(column, threshold, "residual", palette.MEASURED, None)
-
-
-def _family(name: str, residuals: tuple[Residual, ...], meaning: _Meaning | None, printed: bool) -> Family:
-    if meaning is None:
-        words = name.replace("_", " ")
-        return Family(name, f"Residual: {words}", words, "", "", residuals)
-    is_signed = meaning.is_signed and not printed
-    return Family(name, meaning.heading, meaning.quantity, meaning.unit, meaning.words, residuals, is_signed)

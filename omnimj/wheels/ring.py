@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from omnimj.wheels import outline
 
@@ -78,7 +79,7 @@ class RollerRing:
         """True if rollers that are long enough leave room to their neighbours."""
         return self.shortest <= _WHOLE * self.half_length and self.has_room(self.shortest)
 
-    @property
+    @cached_property
     def roller_half_length(self) -> float:
         """Half length c of a roller as built, the longest that leaves room to its neighbours [m]."""
         short, long = self.shortest, _WHOLE * self.half_length

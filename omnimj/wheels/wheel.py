@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from omnimj.wheels.limits import RANGES, check_mass, check_range, check_ring
 from omnimj.wheels.ring import MECANUM, OMNI, RollerRing
@@ -41,7 +42,7 @@ class RollerWheel:
         check_ring(self.ring, self.row_spacing)
         check_mass(self.mass, self.count * self.roller_mass)
 
-    @property
+    @cached_property
     def ring(self) -> RollerRing:
         """Rollers around the wheel."""
         return RollerRing(self.radius, self.roller_radius, self.rollers, self.rows, self.roller_angle)

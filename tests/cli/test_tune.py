@@ -14,7 +14,7 @@ from short_push import scenario_file
 from omnimj.cli.main import main
 from omnimj.control.detection.robust.thresholds import Thresholds, read_thresholds
 from omnimj.studies import workers
-from omnimj.studies.tuning import batch, study
+from omnimj.studies.tuning import study, trial
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -54,13 +54,13 @@ def test_thresholds_from_a_file_are_those_that_candidates_are_driven_with(push, 
         f'{name} = {{ value = 0.9, unit = "{unit}", source = "measured" }}' for name, unit in units.items()
     ]
     file.write_text("[thresholds]\n" + "\n".join(lines), encoding="utf-8")
-    drive = batch.drive_trial
+    drive = trial.drive_trial
 
     def noting(draw, values, uses, thresholds=None):
         seen.append(thresholds)
         return drive(draw, values, uses, thresholds)
 
-    monkeypatch.setattr(batch, "drive_trial", noting)
+    monkeypatch.setattr(trial, "drive_trial", noting)
     assert main([*push, "--thresholds", str(file)]) in (0, 1)
     assert set(seen) == {read_thresholds(file)}
     assert main([*push, "--force"]) in (0, 1)

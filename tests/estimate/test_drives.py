@@ -15,8 +15,8 @@ from omnimj.parameters.floor import all_floors
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.resources import models_folder
+from omnimj.simulate.driving import follow_wheel_speeds
 from omnimj.simulate.plants import make_robot_plant
-from omnimj.simulate.wheel_speeds import follow_wheel_speeds
 
 _FLOOR = "gray"
 _SCALE = 0.903  # of the camera, as the model has it

@@ -19,9 +19,8 @@ from omnimj.control.cascade.controller import Controller
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.learning import ENVIRONMENT
 from omnimj.learning.environment import OmniDrive
-from omnimj.learning.missions import draw_plan
 from omnimj.learning.observation import entries
-from omnimj.learning.options import read_task
+from omnimj.learning.options import draw_plan, read_task
 from omnimj.parameters import read_floors, read_robot
 from omnimj.simulate.driving import drive
 from omnimj.simulate.plants import make_robot_plant

@@ -20,7 +20,7 @@ from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.signals import Trace
 from omnimj.studies.gap_benchmark.seal import seal
 from omnimj.studies.runner import TrialFolder
-from omnimj.view.rerun.file import recording_file
+from omnimj.view.rerun.scene import recording_file
 
 LIMIT = 1000
 RANDOM = np.random.default_rng(0).random(4000)

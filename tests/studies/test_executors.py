@@ -22,7 +22,6 @@ from short_push import scenario_file
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.studies.evaluation.cases import CasePopulation
 from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
-from omnimj.studies.executors import WorkerLost, job_options, open_executor, parse_scheduler, parse_slurm
 from omnimj.studies.gap_benchmark.cases import draw_cases
 from omnimj.studies.gap_benchmark.datasets import make_dataset
 from omnimj.studies.gap_benchmark.trial import fit_truth, search_case
@@ -30,7 +29,15 @@ from omnimj.studies.runner import TrialFolder
 from omnimj.studies.sensitivity.trial import TrialConfig, drive_with
 from omnimj.studies.tuning.draws import draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.trial import drive_trial
-from omnimj.studies.workers import WorkerPool, run_in_workers
+from omnimj.studies.workers import (
+    WorkerLost,
+    WorkerPool,
+    job_options,
+    open_executor,
+    parse_scheduler,
+    parse_slurm,
+    run_in_workers,
+)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from test_report import Page
 from omnimj.cli.main import main
 from omnimj.studies import workers
 from omnimj.view.report.gap import write_gap_report
-from omnimj.view.report.run_sections import make_section, run_table
+from omnimj.view.report.page import make_section, run_table
 
 KINDS = ("gap", "evaluate")
 _STATE = """

@@ -12,9 +12,13 @@ import pytest
 from bokeh.models import Label
 from drawn import bars, lines, row_names, texts
 
-from omnimj.studies.sensitivity.elementary_effects import bootstrap_mu_star, effect_statistics
+from omnimj.studies.sensitivity.elementary_effects import (
+    ResultSensitivity,
+    bootstrap_mu_star,
+    effect_statistics,
+    rank_all,
+)
 from omnimj.studies.sensitivity.factors import ExcludedFactor, Factor
-from omnimj.studies.sensitivity.ranking import ResultSensitivity, rank_all
 from omnimj.studies.sensitivity.study import SensitivityConfig, SensitivityResult
 from omnimj.studies.sensitivity.trial import TrialConfig
 from omnimj.view.plots.sensitivity import result_bars, result_plane, rows_shown, share_bars, share_matrix

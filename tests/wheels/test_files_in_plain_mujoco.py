@@ -1,5 +1,6 @@
 """The written files in plain MuJoCo: they compile, keep their numbers, stand, hand over, attach and roll."""
 
+import functools
 import itertools
 import math
 
@@ -12,14 +13,8 @@ from omnimj.wheels import SolverContact, mecanum_wheel, omni_wheel, robot_file, 
 
 CONTACT, WHEEL_CONTACT = SolverContact(), SolverContact(timestep=0.002)
 WHEELS = {"omni": omni_wheel(), "omni_3_rows": omni_wheel(rollers=6, rows=3), "mecanum": mecanum_wheel()}
-FILES = {
-    name: wheel_file(wheel, WHEEL_CONTACT, command=f'omnimj wheel --out "a & b".xml # {name}')
-    for name, wheel in WHEELS.items()
-}
-FILES |= {
-    f"{layout}_{touch}_{actuators}": robot_file(
-        wheeled_robot(layout, actuators=actuators), CONTACT, touch, bare
-    )
+ROBOTS = {
+    f"{layout}_{touch}_{actuators}": (layout, touch, actuators, bare)
     for layout, touch, (actuators, bare) in itertools.product(
         ("omni3", "omni4", "mecanum4"),
         ("floor", "everything"),
@@ -28,14 +23,23 @@ FILES |= {
 }
 
 
+@functools.cache
+def text_of(name):
+    if name in WHEELS:
+        command = f'omnimj wheel --out "a & b".xml # {name}'
+        return wheel_file(WHEELS[name], WHEEL_CONTACT, command=command)
+    layout, touch, actuators, bare = ROBOTS[name]
+    return robot_file(wheeled_robot(layout, actuators=actuators), CONTACT, touch, bare)
+
+
 def compiled(name):
-    return mujoco.MjModel.from_xml_string(FILES[name])
+    return mujoco.MjModel.from_xml_string(text_of(name))
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", [*WHEELS, *ROBOTS])
 def test_a_file_opens_by_every_way_into_mujoco_without_a_warning(name, tmp_path):
     path, saved = tmp_path / "file.xml", tmp_path / "saved.xml"
-    path.write_text(FILES[name], encoding="utf-8")
+    path.write_text(text_of(name), encoding="utf-8")
     warned = []
     mujoco.set_mju_user_warning(warned.append)
     try:
@@ -44,8 +48,8 @@ def test_a_file_opens_by_every_way_into_mujoco_without_a_warning(name, tmp_path)
         again = mujoco.MjModel.from_xml_path(str(saved))
         others = [
             mujoco.MjSpec.from_file(str(path)).compile(),
-            mujoco.MjSpec.from_string(FILES[name]).compile(),
-            mujoco.MjModel.from_xml_string(FILES[name]),
+            mujoco.MjSpec.from_string(text_of(name)).compile(),
+            mujoco.MjModel.from_xml_string(text_of(name)),
         ]
     finally:
         mujoco.set_mju_user_warning(None)
@@ -61,7 +65,7 @@ def test_a_file_opens_by_every_way_into_mujoco_without_a_warning(name, tmp_path)
         assert np.allclose(other.body_inertia, opened.body_inertia, rtol=1e-4, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", [*WHEELS, *ROBOTS])
 def test_rollers_turn_freely_about_their_centre_of_mass(name):
     m = compiled(name)
     rollers = [b for b in range(m.nbody) if "roller" in m.body(b).name]
@@ -105,7 +109,7 @@ def test_the_stated_drop_is_that_of_mujoco_s_own_distances(kind):
     heights = hub_heights(compiled(kind), np.linspace(0.0, 2.0 * math.pi / wheel.count, 101))
     assert heights.max() == pytest.approx(wheel.radius, abs=1e-7)
     assert heights.max() - heights.min() == pytest.approx(wheel.drop, rel=0.01, abs=2e-7)
-    assert f"roller: {1e6 * wheel.drop:.3g} µm" in FILES[kind]
+    assert f"roller: {1e6 * wheel.drop:.3g} µm" in text_of(kind)
 
 
 @pytest.mark.parametrize("kind", WHEELS)
@@ -149,7 +153,7 @@ def test_a_wheel_file_attaches_to_another_body(kind):
         "<body name='cart' pos='0 0 .05'><joint type='slide' axis='1 0 0'/><joint type='slide' axis='0 0 1'/>"
         "<inertial pos='0 0 0' mass='4' diaginertia='.1 .1 .1'/></body></worldbody></mujoco>"
     )
-    child = mujoco.MjSpec.from_string(FILES[kind])
+    child = mujoco.MjSpec.from_string(text_of(kind))
     frame = spec.body("cart").add_frame()
     frame.attach_body(child.body("wheel"), "left_", "")
     m = spec.compile()

@@ -13,8 +13,8 @@ from omnimj.parameters import Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array, Trace
+from omnimj.simulate.driving import follow_wheel_speeds
 from omnimj.simulate.plants import make_robot_plant
-from omnimj.simulate.wheel_speeds import follow_wheel_speeds
 
 ROLLING = "rolling"
 """Name of the baseline: the body moves as its wheels roll, without slip."""

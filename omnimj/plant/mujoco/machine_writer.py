@@ -18,7 +18,7 @@ import numpy as np
 import tomlkit
 
 from omnimj.effects import MJCF, Interval, find_effect
-from omnimj.effects.drive import NO_LIMIT
+from omnimj.effects.mjcf import NO_LIMIT
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part, PartChanges
 from omnimj.errors import InputError
 from omnimj.plant.mujoco.machine import Machine, apply_part_effects

@@ -20,28 +20,72 @@ from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.assembly import bind_effects, rest_depth, rig_model, robot_model
 from omnimj.plant.mujoco.callback import install
 from omnimj.plant.mujoco.conditions import ConditionSchedule, NominalModel, fault_floors
-from omnimj.plant.mujoco.rig_step import (
+from omnimj.plant.mujoco.step import (
     GANTRY,
     JOINTS,
     RigTwinArrays,
-    measure_rig_twin,
-    write_rig_twin_truth,
-)
-from omnimj.plant.mujoco.robot_step import (
     TwinArrays,
+    measure_rig_twin,
     measure_twin,
     short_motors,
     step_address,
+    write_rig_twin_truth,
     write_twin_truth,
 )
 from omnimj.plant.sensors import RigSensors, RobotSensors
+from omnimj.plant.stages import KernelPlant
 from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement, compiled_in
 
 _GUIDE_SHARE = 0.4  # share of the suspension travel to either side that a larger wheel may take
 _SETTLING_TIME = 0.3  # [s] for which the gantry moves sideways before a rig run begins
 
 
-class RigTwin:
+class _Twin(KernelPlant):
+    """What the twins of robot and rig share."""
+
+    mj_model: mujoco.MjModel
+    mj_data: mujoco.MjData
+    _substeps: int
+    _schedule: ConditionSchedule
+
+    def _start_mujoco(self, timestep: float | None) -> None:
+        """Make the data of the model, for steps of a length [s]; one control period when None."""
+        self.mj_model.opt.timestep = self.period if timestep is None else timestep
+        self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
+        self.mj_data = mujoco.MjData(self.mj_model)
+
+    @property
+    def next_change(self) -> float:
+        """Time of the simulation from which `prepare_step` has conditions to change [s]."""
+        return self._schedule.next_change - 0.5 * self.mj_model.opt.timestep
+
+    def prepare_step(self) -> None:
+        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
+        if self.mj_data.time >= self.next_change:
+            self._change_conditions()
+        self._sensors.refill()
+
+    def _change_conditions(self) -> None:
+        self._schedule.apply(int(self._arrays.steps[0]) * self.period)
+
+    def _simulate(self) -> None:
+        """Simulate one control period."""
+        mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
+        self._arrays.steps[0] += 1
+
+    def _restart(self, seed: int | None) -> None:
+        """Compute what follows from the start, and begin the sensors anew."""
+        mujoco.mj_forward(self.mj_model, self.mj_data)
+        self._sensors.reset(seed)
+        self._arrays = self._arrays._replace(sensors=self._sensors.chain)
+        self._arrays.steps[0] = 0
+
+    def pose(self) -> Array:
+        """Generalised positions qpos of MuJoCo, for a picture or a recording, shape (nq,)."""
+        return self.mj_data.qpos.copy()
+
+
+class RigTwin(_Twin):
     """Quarter test rig in MuJoCo, a `Plant` with one wheel.
 
     The gantry has its commanded lateral speed from the start.
@@ -98,9 +142,7 @@ class RigTwin:
         own = slice(slots.EFFECT_TERMS, slots.EFFECT_TERMS + effects.terms.shape[1])
         self.effect_terms: Array = self.mj_model.actuator_user[0, own]
         """Packed effect terms of the wheel in the model, which every step reads, shape (TERMS,)."""
-        self.mj_model.opt.timestep = self.period if timestep is None else timestep
-        self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
-        self.mj_data = mujoco.MjData(self.mj_model)
+        self._start_mujoco(timestep)
         self._lateral_speed = lateral_speed
         self._sensors = RigSensors(
             rig.sensors, rig.motor, self.period, seed, faults, ideal_sensors, effects.channels
@@ -138,21 +180,6 @@ class RigTwin:
             sensors=self._sensors.chain,
         )
 
-    def arrays(self) -> RigTwinArrays:
-        """Arrays for kernels that step the twin in a loop, once `prepare_step` has been called."""
-        return self._arrays
-
-    @property
-    def next_change(self) -> float:
-        """Time of the simulation from which `prepare_step` has conditions to change [s]."""
-        return self._schedule.next_change - 0.5 * self.mj_model.opt.timestep
-
-    def prepare_step(self) -> None:
-        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
-        if self.mj_data.time >= self.next_change:
-            self._schedule.apply(int(self._arrays.steps[0]) * self.period)
-        self._sensors.refill()
-
     def reset(self, seed: int | None = None) -> RigMeasurement:
         """Put the carriage at its start, with the gantry moving, and return the measurement at time 0.
 
@@ -165,10 +192,7 @@ class RigTwin:
         d.qpos[self._lift] = self._rest
         if self._lateral_speed:
             self._settle(int(self._arrays.joints[GANTRY]))
-        mujoco.mj_forward(self.mj_model, d)
-        self._sensors.reset(seed)
-        self._arrays = self._arrays._replace(sensors=self._sensors.chain)
-        self._arrays.steps[0] = 0
+        self._restart(seed)
         return self._measure()
 
     def _settle(self, gantry: int) -> None:
@@ -202,14 +226,12 @@ class RigTwin:
         self.prepare_step()
         self.mj_data.ctrl[0] = current[0]
         self.mj_data.ctrl[1] = self._lateral_speed
-        mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
-        self._arrays.steps[0] += 1
+        self._simulate()
         return self._measure()
 
     def _measure(self) -> RigMeasurement:
         self._sensors.refill()
-        arrays = self._arrays
-        return self._sensors.as_measurement(int(arrays.steps[0]) * self.period, measure_rig_twin(arrays))
+        return self._measured(measure_rig_twin(self._arrays))
 
     @compiled_in("rig_twin")
     def truth(self) -> Array:
@@ -218,15 +240,8 @@ class RigTwin:
         write_rig_twin_truth(self._arrays, row)
         return row
 
-    def pose(self) -> Array:
-        """Generalised positions qpos of MuJoCo, for a picture or a recording, shape (nq,)."""
-        return self.mj_data.qpos.copy()
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
-
-class RobotTwin:
+class RobotTwin(_Twin):
     """Robot with rollers, suspension, motors and sensors in MuJoCo, a `Plant`.
 
     ```
@@ -286,9 +301,7 @@ class RobotTwin:
             lean=True,
         )
         bind_effects(self.mj_model, effects.terms, measured_current)
-        self.mj_model.opt.timestep = self.period if timestep is None else timestep
-        self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
-        self.mj_data = mujoco.MjData(self.mj_model)
+        self._start_mujoco(timestep)
         self._start = start
         self._rest_height = robot.wheel.radius - rest_depth(robot)
         self._sensors = RobotSensors(
@@ -343,21 +356,9 @@ class RobotTwin:
             sensors=self._sensors.chain,
         )
 
-    def arrays(self) -> TwinArrays:
-        """Arrays for kernels that step the twin in a loop, once `prepare_step` has been called."""
-        return self._arrays
-
-    @property
-    def next_change(self) -> float:
-        """Time of the simulation from which `prepare_step` has conditions to change [s]."""
-        return self._schedule.next_change - 0.5 * self.mj_model.opt.timestep
-
-    def prepare_step(self) -> None:
-        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
-        if self.mj_data.time >= self.next_change:
-            self._schedule.apply(int(self._arrays.steps[0]) * self.period)
-            self._arrays.braked[:] = 0  # the schedule overwrites whole motors
-        self._sensors.refill()
+    def _change_conditions(self) -> None:
+        super()._change_conditions()
+        self._arrays.braked[:] = 0  # the schedule overwrites whole motors
 
     def reset(self, seed: int | None = None) -> Measurement:
         """Put the robot at rest at its start and return the measurement at time 0.
@@ -371,10 +372,8 @@ class RobotTwin:
         half = 0.5 * heading
         self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
         self.mj_data.qpos[self._guides_at] = self._guides
-        mujoco.mj_forward(self.mj_model, self.mj_data)
-        self._sensors.reset(seed)
-        self._arrays = self._arrays._replace(sensors=self._sensors.chain)
-        self._arrays.turns[:], self._arrays.steps[0], self._arrays.braked[:] = (heading, 0.0), 0, 0
+        self._restart(seed)
+        self._arrays.turns[:], self._arrays.braked[:] = (heading, 0.0), 0
         return self._measure()
 
     @compiled_in("twin")
@@ -389,8 +388,7 @@ class RobotTwin:
         if command.brake or self._arrays.braked.any():
             self._brake(command.brake)
         self.mj_data.ctrl[:] = current
-        mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
-        self._arrays.steps[0] += 1
+        self._simulate()
         return self._measure()
 
     def _brake(self, wheels: tuple[int, ...]) -> None:
@@ -400,8 +398,7 @@ class RobotTwin:
 
     def _measure(self) -> Measurement:
         self._sensors.refill()
-        arrays = self._arrays
-        return self._sensors.as_measurement(int(arrays.steps[0]) * self.period, measure_twin(arrays))
+        return self._measured(measure_twin(self._arrays))
 
     @compiled_in("twin")
     def truth(self) -> Array:
@@ -409,10 +406,3 @@ class RobotTwin:
         row = np.empty(len(self.truth_names))
         write_twin_truth(self._arrays, row)
         return row
-
-    def pose(self) -> Array:
-        """Generalised positions qpos of MuJoCo, for a picture or a recording, shape (nq,)."""
-        return self.mj_data.qpos.copy()
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""

@@ -1,8 +1,9 @@
-"""Runs to export: from a run's folder, a trace file, or a dataset."""
+"""Runs to export: from a run's folder, a trace file, or a dataset; units and names of their columns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.recording.dataset_file import DATASET_FILE
-from omnimj.recording.exporting.units import column_unit
+from omnimj.recording.importing.units import target_unit
 from omnimj.recording.run_table import TABLE_SUFFIXES
 from omnimj.recording.traces import read_trace
 from omnimj.signals import Array
@@ -19,6 +20,25 @@ from omnimj.signals import Array
 TRACE = "trace.parquet"
 LAST_STAMP = 2**31 - 1
 """Largest time that ROS stamps hold [s]."""
+_N = r"(_\d+)?"
+_UNITS = (
+    # beyond the measured columns, which `target_unit` knows
+    (rf"(target|true)_wheel_speed{_N}|target_yaw_rate|twist_yaw|gyro_bias", "rad/s"),
+    (r"heading_estimate|target_heading|tilt", "rad"),
+    (rf"(target_)?twist_[xy]|target_velocity_[xy]|slip_velocity{_N}|true_(carriage_speed|velocity)", "m/s"),
+    (r"target_[xy]|place_error_[xy]|lateral_position|true_position", "m"),
+    (rf"(normal|traction|lateral)_force{_N}|(residual|threshold)_force(_[xy])?", "N"),
+    (r"residual_moment", "Nm"),
+    (rf"(residual|threshold)_wheel_speed{_N}", "rad/s"),
+    (rf"(residual|threshold)_slip{_N}", "m"),
+    (rf"(residual|threshold)_motor{_N}", "1"),  # log likelihood ratio
+    (rf"(effectiveness|limit_reason|weight){_N}|misfit|mode|recovery|pace", "1"),
+)
+_LONGEST_MATLAB = 63
+_MATLAB_WORDS = (
+    *("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global"),
+    *("if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while"),
+)
 
 
 @dataclass(frozen=True)
@@ -85,3 +105,44 @@ def _require_times(run: ExportedRun) -> None:
         k = int(late[0]) + 1
         found = f"time is {time[k]:.12g} s after {time[k - 1]:.12g} s"
         raise InputError(f"{run.file}: row {k + 1}", found, "must increase")
+
+
+def column_unit(name: str) -> str:
+    """SI unit of a column; `1` for pure numbers, empty where it depends on the machine or is unknown."""
+    return target_unit(name) or next((unit for pattern, unit in _UNITS if re.fullmatch(pattern, name)), "")
+
+
+def ros_names(names: Iterable[str]) -> dict[str, str]:
+    """Field names of a ROS message by column: small letters, digits and single underscores."""
+
+    def valid(name: str) -> str:
+        plain = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", name.lower())).strip("_")
+        return plain if plain[:1].isalpha() else f"column_{plain}".rstrip("_")
+
+    return _distinct(names, valid)
+
+
+def matlab_names(names: Iterable[str]) -> dict[str, str]:
+    """Variable names for MATLAB by column: letters, digits and underscores, at most 63."""
+
+    def valid(name: str) -> str:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        plain = plain if plain[:1].isalpha() else f"column_{plain.lstrip('_')}"
+        return (f"{plain}_" if plain in _MATLAB_WORDS else plain)[:_LONGEST_MATLAB]
+
+    return _distinct(names, valid)
+
+
+def _distinct(names: Iterable[str], valid: Callable[[str], str]) -> dict[str, str]:
+    """Names made valid; a number is added to those that another column has."""
+    found: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        first = one = valid(name)
+        count = 2
+        while one in taken:
+            ending = f"_{count}"
+            one, count = f"{first[: _LONGEST_MATLAB - len(ending)]}{ending}", count + 1
+        taken.add(one)
+        found[name] = one
+    return found

@@ -2,7 +2,7 @@
 
 - `tables`: files as named columns; `dialect` and `csv_table` for CSV, `nested` for JSON and MATLAB
 - `units`: units that loggers write, and their SI units
-- `mapping`, `mapping_text`: the mapping file, read and written
+- `mapping`: the mapping file, read and written
 - `propose`: a mapping guessed from names, units and values
 - `apply`: a mapping applied to a table
 - `quality`: rate, regularity, packets, and whether wheels and measured pose agree

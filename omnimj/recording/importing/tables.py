@@ -11,7 +11,7 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.recording.importing.dialect import Dialect
-from omnimj.recording.importing.topics.choice import TopicChoice, TopicSummary
+from omnimj.recording.importing.topics.join import TopicChoice, TopicSummary
 from omnimj.recording.run_table import MAX_NUMBERS, read_run_table
 from omnimj.signals import Array
 

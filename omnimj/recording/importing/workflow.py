@@ -14,8 +14,7 @@ from omnimj.parameters import read_floors
 from omnimj.recording.dataset import MAX_WHEELS, PLANT_COLUMNS, Run, plant_columns
 from omnimj.recording.dataset_file import POSE_MEASURED
 from omnimj.recording.importing.apply import FOLDER, apply_mapping
-from omnimj.recording.importing.mapping import LogMapping, read_mapping
-from omnimj.recording.importing.mapping_text import mapping_text
+from omnimj.recording.importing.mapping import LogMapping, mapping_text, read_mapping
 from omnimj.recording.importing.propose import Proposal, missing_columns, propose, wheel_count
 from omnimj.recording.importing.quality import (
     TimeQuality,
@@ -25,7 +24,7 @@ from omnimj.recording.importing.quality import (
     time_quality,
 )
 from omnimj.recording.importing.tables import SourceHints, SourceTable, read_source
-from omnimj.recording.importing.topics.choice import TopicSummary
+from omnimj.recording.importing.topics.join import TopicSummary
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.json_files import write_text
 from omnimj.recording.write_dataset import DatasetWriter

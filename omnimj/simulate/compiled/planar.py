@@ -14,23 +14,23 @@ from omnimj.simulate.compiled.row import (
     fill_rig_row,
     finish_row,
     first_truth,
+    follow_row,
     is_spent,
 )
-from omnimj.simulate.compiled.wheel_speeds import follow_row
 
 
 @kernel
-def drive_planar(plant, controller, progress, plan, output, next_change, end):
+def drive_planar(plant, progress, output, next_change, end, controller, plan):
     """Drive until a number of rows is finished or Python is needed.
 
     Args:
       plant: `PlanarArrays`.
-      controller: `ControllerArrays`.
       progress: Record of `Progress`, changed in place.
-      plan: `Plan`.
       output: `Output`; a planar robot has no poses.
       next_change: Time from which the plant has conditions to change [s].
       end: Number of rows.
+      controller: `ControllerArrays`.
+      plan: `Plan`.
 
     Returns:
       The reason for which the loop returns.
@@ -53,17 +53,17 @@ def drive_planar(plant, controller, progress, plan, output, next_change, end):
 
 
 @kernel
-def follow_on_planar(plant, loops, progress, targets, output, next_change, end):
+def follow_on_planar(plant, progress, output, next_change, end, loops, targets):
     """Turn the wheels at given speeds until a number of rows is finished or Python is needed.
 
     Args:
       plant: `PlanarArrays`.
-      loops: Record of `WheelSpeedLoops`, changed in place.
       progress: Record of `Progress`, changed in place.
-      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
       output: `Output`; a planar robot has no poses.
       next_change: Time from which the plant has conditions to change [s].
       end: Number of rows.
+      loops: Record of `WheelSpeedLoops`, changed in place.
+      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
 
     Returns:
       The reason for which the loop returns.
@@ -83,16 +83,16 @@ def follow_on_planar(plant, loops, progress, targets, output, next_change, end):
 
 
 @kernel
-def drive_planar_rig(plant, current, progress, output, next_change, end):
+def drive_planar_rig(plant, progress, output, next_change, end, current):
     """Drive by given currents until a number of rows is finished or Python is needed.
 
     Args:
       plant: `PlanarRigArrays`.
-      current: Set current of every row, shape (rows,) [A].
       progress: Record of `Progress`, changed in place.
       output: `Output`; this rig has no poses.
       next_change: Time from which the plant has conditions to change [s].
       end: Number of rows.
+      current: Set current of every row, shape (rows,) [A].
 
     Returns:
       The reason for which the loop returns.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.records import Record, copied, packed
-from omnimj.signals import Array, Reference, RigMeasurement
+from omnimj.signals import Array, Measurement, Reference, RigMeasurement
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
     DECISION_IS_DUE,
@@ -71,11 +71,14 @@ class _Run:
     """Rows of a compiled loop.
 
     Args:
-      readings: First readings of the plant, in the order of its channels.
+      loop: Kernel that drives the plant.
+      plant: Plant that has been reset.
+      readings: Its first readings, in the order of its channels.
       signals: Number of the controller's logged signals.
     """
 
-    def __init__(self, readings: Array, signals: int):
+    def __init__(self, loop: Loop, plant: Any, readings: Array, signals: int = 0):
+        self._loop, self._plant = loop, plant
         self._readings, self._signals = readings, signals
         self._progress = packed(Progress())
         # loads the kernels, or compiles them, before anybody's clock runs
@@ -106,6 +109,23 @@ class _Run:
 
     def _finish_chunk(self, output: Output, end: int) -> bool:
         """Drive until `end` rows are finished; False if the truth of one is not sound."""
+        plant = self._plant
+        while True:
+            change = plant.next_change
+            reason = self._loop(plant.arrays(), self._progress, output, change, end, *self._inputs())
+            if reason == DECISION_IS_DUE:
+                self._decide()
+            elif reason == PLANT_CHANGES:
+                plant.prepare_step()
+            else:
+                return reason == CHUNK_IS_DONE
+
+    def _inputs(self) -> tuple[Any, ...]:
+        """What drives the plant: further arguments of the loop."""
+        raise NotImplementedError
+
+    def _decide(self) -> None:
+        """Take the detector's decision that the loop waits for."""
         raise NotImplementedError
 
 
@@ -120,37 +140,27 @@ class CompiledRun(_Run):
     """
 
     def __init__(self, loop: Loop, plant: Any, controller: Any, reference: Reference):
-        self._loop, self._plant, self._controller = loop, plant, controller
+        self._controller = controller
         m = plant.reset()
         start = controller.start(m)
         # the loop changes record and memory in place
         self.state = start._replace(record=copied(start.record), memory=copied(start.memory))
         columns = np.column_stack([reference.position, reference.heading, reference.velocity])
         self._plan = Plan(columns, np.ascontiguousarray(reference.yaw_rate, float))
-        readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
-        super().__init__(readings, len(controller.log_names))
+        super().__init__(loop, plant, _robot_readings(m), len(controller.log_names))
 
     @property
     def wheels(self) -> int:
         """Number of wheels."""
         return self._controller.wheels
 
-    def _finish_chunk(self, output: Output, end: int) -> bool:
-        controller, plant = self._controller, self._plant
-        while True:
-            arrays, state = plant.arrays(), self.state
-            controlled = ControllerArrays(
-                controller.parameters, controller.constants, state.record, state.memory
-            )
-            reason = self._loop(
-                arrays, controlled, self._progress, self._plan, output, plant.next_change, end
-            )
-            if reason == DECISION_IS_DUE:
-                self.state = controller.decide(state, int(arrays.steps[0]) * plant.period)
-            elif reason == PLANT_CHANGES:
-                plant.prepare_step()
-            else:
-                return reason == CHUNK_IS_DONE
+    def _inputs(self) -> tuple[Any, ...]:
+        own, state = self._controller, self.state
+        return ControllerArrays(own.parameters, own.constants, state.record, state.memory), self._plan
+
+    def _decide(self) -> None:
+        steps = int(self._plant.arrays().steps[0])
+        self.state = self._controller.decide(self.state, steps * self._plant.period)
 
 
 class CompiledFollowing(_Run):
@@ -163,19 +173,11 @@ class CompiledFollowing(_Run):
     """
 
     def __init__(self, plant: Any, loops: Record, targets: Array):
-        self._loop, self._plant, self._loops = following_loop(plant), plant, loops
-        self._targets = np.ascontiguousarray(targets, float)
-        m = plant.reset()
-        super().__init__(np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw))), 0)
+        self._loops, self._targets = loops, np.ascontiguousarray(targets, float)
+        super().__init__(following_loop(plant), plant, _robot_readings(plant.reset()))
 
-    def _finish_chunk(self, output: Output, end: int) -> bool:
-        plant = self._plant
-        while True:
-            arrays, change = plant.arrays(), plant.next_change
-            reason = self._loop(arrays, self._loops, self._progress, self._targets, output, change, end)
-            if reason != PLANT_CHANGES:
-                return reason == CHUNK_IS_DONE
-            plant.prepare_step()
+    def _inputs(self) -> tuple[Any, ...]:
+        return self._loops, self._targets
 
 
 class CompiledRigRun(_Run):
@@ -189,15 +191,13 @@ class CompiledRigRun(_Run):
     """
 
     def __init__(self, loop: Loop, plant: Any, measurement: RigMeasurement, current: Array):
-        self._loop, self._plant, m = loop, plant, measurement
-        self._current = np.ascontiguousarray(current, float)
+        m, self._current = measurement, np.ascontiguousarray(current, float)
         readings = (m.current, m.wheel_speed, m.carriage_speed, m.carriage_acceleration, m.lateral_speed)
-        super().__init__(np.array(readings), 0)
+        super().__init__(loop, plant, np.array(readings))
 
-    def _finish_chunk(self, output: Output, end: int) -> bool:
-        plant = self._plant
-        while True:
-            reason = self._loop(plant.arrays(), self._current, self._progress, output, plant.next_change, end)
-            if reason != PLANT_CHANGES:
-                return reason == CHUNK_IS_DONE
-            plant.prepare_step()
+    def _inputs(self) -> tuple[Any, ...]:
+        return (self._current,)
+
+
+def _robot_readings(m: Measurement) -> Array:
+    return np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))

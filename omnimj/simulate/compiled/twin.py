@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from omnimj.physics.native import kernel
-from omnimj.plant.mujoco.rig_step import step_rig_twin, write_rig_twin_truth
-from omnimj.plant.mujoco.robot_step import short_motors, step_twin, twin_time, write_twin_truth
+from omnimj.plant.mujoco.step import (
+    short_motors,
+    step_rig_twin,
+    step_twin,
+    twin_time,
+    write_rig_twin_truth,
+    write_twin_truth,
+)
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
     DECISION_IS_DUE,
@@ -14,24 +20,24 @@ from omnimj.simulate.compiled.row import (
     fill_rig_row,
     finish_row,
     first_truth,
+    follow_row,
     is_spent,
     keep_pose,
 )
-from omnimj.simulate.compiled.wheel_speeds import follow_row
 
 
 @kernel
-def drive_twin(plant, controller, progress, plan, output, next_change, end):
+def drive_twin(plant, progress, output, next_change, end, controller, plan):
     """Drive until a number of rows is finished or Python is needed.
 
     Args:
       plant: `TwinArrays`.
-      controller: `ControllerArrays`.
       progress: Record of `Progress`, changed in place.
-      plan: `Plan`.
       output: `Output`.
       next_change: Time of the simulation from which the plant has conditions to change [s].
       end: Number of rows.
+      controller: `ControllerArrays`.
+      plan: `Plan`.
 
     Returns:
       The reason for which the loop returns.
@@ -55,17 +61,17 @@ def drive_twin(plant, controller, progress, plan, output, next_change, end):
 
 
 @kernel
-def follow_on_twin(plant, loops, progress, targets, output, next_change, end):
+def follow_on_twin(plant, progress, output, next_change, end, loops, targets):
     """Turn the wheels at given speeds until a number of rows is finished or Python is needed.
 
     Args:
       plant: `TwinArrays`.
-      loops: Record of `WheelSpeedLoops`, changed in place.
       progress: Record of `Progress`, changed in place.
-      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
       output: `Output`, without poses.
       next_change: Time of the simulation from which the plant has conditions to change [s].
       end: Number of rows.
+      loops: Record of `WheelSpeedLoops`, changed in place.
+      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
 
     Returns:
       The reason for which the loop returns.
@@ -85,16 +91,16 @@ def follow_on_twin(plant, loops, progress, targets, output, next_change, end):
 
 
 @kernel
-def drive_rig_twin(plant, current, progress, output, next_change, end):
+def drive_rig_twin(plant, progress, output, next_change, end, current):
     """Drive by given currents until a number of rows is finished or Python is needed.
 
     Args:
       plant: `RigTwinArrays`.
-      current: Set current of every row, shape (rows,) [A].
       progress: Record of `Progress`, changed in place.
       output: `Output`.
       next_change: Time of the simulation from which the plant has conditions to change [s].
       end: Number of rows.
+      current: Set current of every row, shape (rows,) [A].
 
     Returns:
       The reason for which the loop returns.

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees, inf
 
-from omnimj.studies.evaluation.heading_limits import MAX_ADDED, MAX_RATIO
 from omnimj.studies.evaluation.scoring import HEADING_FLOOR, PATH_FLOOR
-from omnimj.studies.evaluation.summary import Delays, GroupSummary, Ratios, Summary
+from omnimj.studies.evaluation.summary import MAX_ADDED, MAX_RATIO, Delays, GroupSummary, Ratios, Summary
 from omnimj.studies.statistics import EventRate, Rate
 
 QUIET_HOURS = {"planar": 30.0, "twin": 3.0}

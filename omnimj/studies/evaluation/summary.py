@@ -1,18 +1,33 @@
-"""Summary of an evaluation from the scores of its cases, each number with its sample size."""
+"""Summary of an evaluation from the scores of its cases, each number with its sample size.
+
+Recovery must keep the heading in every case: the limit is on the ratio with over without recovery, or on what
+is added where the heading hardly moves without it. Cases are counted apart whose heading is given up by
+design, since too few wheels are left to hold it, provided that the faults were isolated.
+
+Slips are told apart by what they do without any method. A wheel with less grip slips only where more traction
+is needed than it has left; a slip that never shows cannot be found, and need not be if path and heading stay
+those of the healthy run.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from omnimj.studies.evaluation.heading_limits import HeadingLimits, summarize_heading
-from omnimj.studies.evaluation.scoring import CaseScore, confusion
-from omnimj.studies.evaluation.slips import SlipSummary, summarize_slips
+from omnimj.studies.evaluation.scoring import SLIPPING, CaseScore, confusion
 from omnimj.studies.random_truth import ALL_CLASSES, NONE, PAIRS, TWO
 from omnimj.studies.statistics import EventRate, Rate, event_rate, median, quantile, rate
 
 HEAVIER, LIGHTER = "heavier", "lighter"
+LARGE = math.radians(0.5)
+"""Heading excursion without recovery from which the ratio is limited [rad]."""
+MAX_RATIO = 1.05
+"""Largest ratio of the excursion with recovery to that without."""
+MAX_ADDED = math.radians(0.05)
+"""Largest excursion that recovery may add below `LARGE` [rad]."""
+_LITTLE_GRIP = 0.3
 
 
 @dataclass(frozen=True)
@@ -277,3 +292,94 @@ def _factor(factor: str, value: str, scores: Sequence[CaseScore]) -> FactorSumma
         delay_quantiles(s.delay_in_use for s in used if s.delay_in_use is not None),
         _ratios(scores, lambda s: s.heading_ratio),
     )
+
+
+@dataclass(frozen=True)
+class HeadingLimits:
+    """Cases with faults whose heading the recovery should hold."""
+
+    large: int
+    """Number of cases with an excursion of `LARGE` or more without recovery."""
+    worst_ratio: float | None
+    """Largest ratio among them."""
+    worst_ratio_case: str
+    """Name of that case; empty without any."""
+    small: int
+    """Number of the other cases."""
+    worst_added: float | None
+    """Largest added excursion among them; negative if recovery reduces all [rad]."""
+    worst_added_case: str
+    beyond: tuple[str, ...]
+    """Names of the cases beyond either limit."""
+    given_up: int
+    """Number of cases whose heading is given up by design, excluded from all other numbers."""
+
+
+def summarize_heading(scores: Sequence[CaseScore]) -> HeadingLimits:
+    """Compare the heading of every case with both excursions, with and without recovery, with its limit."""
+    ratios, added, given_up = [], [], 0
+    for s in scores:
+        if s.heading is None or s.heading_off is None:
+            continue
+        if s.gave_up_heading:
+            given_up += 1
+        elif s.heading_off >= LARGE:
+            ratios.append((s.heading / s.heading_off, s.name))
+        else:
+            added.append((s.heading - s.heading_off, s.name))
+    beyond = [name for value, name in ratios if value > MAX_RATIO]
+    beyond += [name for value, name in added if value > MAX_ADDED]
+    most, where = max(ratios, default=(None, ""))
+    more, place = max(added, default=(None, ""))
+    return HeadingLimits(len(ratios), most, where, len(added), more, place, tuple(sorted(beyond)), given_up)
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Deviation of runs with a fault, driven without any method, from the same runs without the fault."""
+
+    count: int
+    median: float | None
+    worst: float | None
+    worst_case: str
+    """Name of the worst case; empty without any."""
+
+
+@dataclass(frozen=True)
+class SlipSummary:
+    """Cases whose only fault is a slip of one wheel, by the slip reached without any method."""
+
+    slipping: Rate
+    """Share of these cases whose wheel reaches `SLIPPING` without any method."""
+    isolated: Rate
+    """Share of isolated slips among those that reach it."""
+    isolated_low_grip: Rate
+    """The same for grip ≤ 0.3."""
+    isolated_others: Rate
+    """Share of isolated slips among the others."""
+    heading: Changes
+    """Largest change of the heading by the others [rad]."""
+    path: Changes
+    """Largest change of the position by the others [m]."""
+
+
+def summarize_slips(scores: Sequence[CaseScore]) -> SlipSummary:
+    """Summarize the cases with a single slip."""
+    slips = [(s, s.slip) for s in scores if s.slip is not None]
+    shown = [s for s, reached in slips if reached >= SLIPPING]
+    others = [s for s, reached in slips if reached < SLIPPING]
+    low_grip = [s for s in shown if s.severity is not None and s.severity <= _LITTLE_GRIP]
+    return SlipSummary(
+        rate(reached >= SLIPPING for _, reached in slips),
+        rate(bool(s.isolated) for s in shown),
+        rate(bool(s.isolated) for s in low_grip),
+        rate(bool(s.isolated) for s in others),
+        _changes(others, lambda s: s.heading_change),
+        _changes(others, lambda s: s.path_change),
+    )
+
+
+def _changes(scores: Sequence[CaseScore], of: Callable[[CaseScore], float | None]) -> Changes:
+    found = [(value, s.name) for s in scores if (value := of(s)) is not None]
+    worst, name = max(found, default=(None, ""))
+    return Changes(len(found), median([value for value, _ in found]), worst, name)

@@ -5,8 +5,7 @@
 `unmodelled` effects outside the library, and deviations of a machine from its equations
 `datasets`   recordings of the true rig
 `seal`       the truth under seal until scoring
-`trial`      blind search of a dataset, and the fit of the true model
-`baselines`  sparse regression and forward selection on the same data
+`trial`      blind search of a dataset, baselines on the same data, and the fit of the true model
 `scoring`    score of one case
 `summary`    numbers over all cases, and their tables
 """

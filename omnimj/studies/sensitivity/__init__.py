@@ -3,7 +3,6 @@
 `study`               configuration, `run_sensitivity`, result
 `factors`             parameters that are varied, with their ranges
 `trial`               one run on a plant with changed parameters
-`elementary_effects`  trajectories, μ, μ* and σ with intervals, noise floor
-`ranking`             classes and ranks of the parameters
+`elementary_effects`  trajectories, μ, μ* and σ with intervals, noise floor, ranks of the parameters
 `tables`              tables and sentences for Markdown, command line and report
 """

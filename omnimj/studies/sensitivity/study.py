@@ -30,14 +30,16 @@ from omnimj.simulate.plants import make_plant
 from omnimj.simulate.scenario.scenario import Scenario, scenario_digest
 from omnimj.studies.runner import StudyFolder, TrialFolder, run_study
 from omnimj.studies.sensitivity.elementary_effects import (
+    FactorRank,
+    ResultSensitivity,
     bootstrap_mu_star,
     effect_statistics,
     elementary_effects,
     noise_floor,
+    rank_all,
     trajectory,
 )
 from omnimj.studies.sensitivity.factors import CHOSEN, DEFAULT_SHARE, ExcludedFactor, Factor, find_factors
-from omnimj.studies.sensitivity.ranking import FactorRank, ResultSensitivity, rank_all
 from omnimj.studies.sensitivity.trial import (
     RESOLUTION,
     TrialConfig,

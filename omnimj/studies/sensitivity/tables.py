@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from omnimj.studies.sensitivity.elementary_effects import BELOW, NONE, UNKNOWN, UNSURE, ResultSensitivity
 from omnimj.studies.sensitivity.factors import Factor
-from omnimj.studies.sensitivity.ranking import BELOW, NONE, UNKNOWN, UNSURE, ResultSensitivity
 from omnimj.studies.sensitivity.study import SensitivityResult
 from omnimj.studies.statistics import Table, format_number
 

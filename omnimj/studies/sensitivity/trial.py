@@ -17,7 +17,7 @@ from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor
 from omnimj.signals import KINDS_OF_DIAGNOSIS
 from omnimj.simulate.detectors import available_methods, default_method, make_detector, require_known_method
-from omnimj.simulate.metrics import DIAGNOSIS_UNITS
+from omnimj.simulate.metrics import DIAGNOSIS_UNITS, rms
 from omnimj.simulate.plants import KINEMATIC, PLANT_NAMES, plant_name
 from omnimj.simulate.run import RunResult, run_scenario
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
@@ -109,7 +109,7 @@ def read_results(run: RunResult, units: Mapping[str, str]) -> dict[str, float | 
     if "detection_delay" in units:
         found["detection_delay"] = _delay(metrics)
     if "slip_velocity_1" in trace:
-        found["rms_slip"] = np.sqrt(np.mean(np.square(trace.wheels("slip_velocity"))))
+        found["rms_slip"] = rms(trace.wheels("slip_velocity"))
     if "heading" in trace:
         last = (trace["x"][-1], trace["y"][-1], np.unwrap(trace["heading"])[-1])
         found |= dict(zip(_PLACE, last, strict=True))

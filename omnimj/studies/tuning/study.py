@@ -18,10 +18,17 @@ from omnimj.recording.tabular import Tabular
 from omnimj.simulate.plants import PLANT_NAMES
 from omnimj.simulate.scenario.scenario import scenario_digest
 from omnimj.studies.runner import run_study
-from omnimj.studies.tuning.batch import TrialBatch, claim_folder
-from omnimj.studies.tuning.cost import TERMS, Limits, Score, score, score_unstable, stability_violation
+from omnimj.studies.tuning.cost import (
+    TERMS,
+    Landscape,
+    Limits,
+    Score,
+    score,
+    score_unstable,
+    stability_violation,
+    survey_landscape,
+)
 from omnimj.studies.tuning.draws import JUDGING, Draw, draw_trial, read_tuned_scenarios
-from omnimj.studies.tuning.landscape import Landscape, survey_landscape
 from omnimj.studies.tuning.margins import FLOORS, LoopStability, Margin, loop_stability, margins
 from omnimj.studies.tuning.search import (
     Bounds,
@@ -33,6 +40,7 @@ from omnimj.studies.tuning.search import (
     require_cma,
     with_values,
 )
+from omnimj.studies.tuning.trial import TrialBatch, claim_folder
 from omnimj.studies.workers import Progress, WorkerPool
 
 TWIN = "twin"

@@ -4,8 +4,8 @@
 - `document`: the plots of a page as one document with a common time axis and cursor.
 - `static`, `outlines`: still pictures of the same plots, for paper and without JavaScript.
 - `runs`: signals and path of a robot or a rig. `comparison`: methods overlaid.
-- `diagnosis`: residuals, diagnoses and modes.
+- `diagnosis`: residuals, diagnoses, modes, floors under the wheels.
 - `mismatch`, `candidates`: gap between twin and recordings, and the candidate effects.
-- `identification`: friction curves, and validation overlays.
+- `identification`: friction curves, identified numbers, validation overlays.
 - `evaluation`, `tuning`, `sensitivity`: studies. `matrix`: shaded matrices with numbers.
 """

@@ -1,4 +1,4 @@
-"""Plots of residuals, thresholds, diagnoses and modes; each function returns one figure."""
+"""Plots of residuals, thresholds, diagnoses, modes and floors under the wheels; each returns one figure."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ _ROW = 215  # height of one of several families of residuals [pixels]
 _LANE, _BAR, _AROUND = 26, 0.72, 80  # least height of a lane, height of a bar in lanes, all other heights
 _SEEN = 400  # most changes of mode that can be distinguished
 _WIDE = 0.018  # share of the duration needed per letter of a label inside its bar
+_FLOOR_ROW = 130  # height of a wheel's panel [pixels]
+_MARGIN = 0.06  # of the probability axis
 
 
 def residual_families(
@@ -222,3 +224,26 @@ def _modes(panel: Panel, row: int, trace: Trace, method: str, is_rig: bool) -> N
         texts = [f"{name}, {start:.3f} to {end:.3f} s" for start, end in lengths]
         color, middle = palette.state_color(name), [row] * int(own.sum())
         panel.bars(time[starts][own], ends[own], middle, _BAR, color, name, texts)
+
+
+def floor_probabilities(time: Array, probability: Array, truth: Array | None, floor: str) -> Drawing:
+    """Probability of one floor under each wheel, one panel below the other, with the camera's truth.
+
+    Args:
+      time: Windows' centres, shape (w,) [s].
+      probability: Probability of the floor under each wheel, shape (w, n).
+      truth: 1 where the camera sees the contact on this floor, NaN where unknown, shape (w, n); None
+        without camera.
+      floor: Name of the floor.
+    """
+    n = probability.shape[1]
+    drawing = new_drawing(_FLOOR_ROW * n, n)
+    for i, panel in enumerate(drawing.panels):
+        panel.values(f"wheel {i + 1}")
+        panel.limits(-_MARGIN, 1.0 + _MARGIN)
+        if truth is not None:
+            panel.line(time, truth[:, i], palette.MUTED, "camera", width=5.0, alpha=0.45)
+        panel.line(time, probability[:, i], palette.wheel_color(i), f"on {floor}")
+        if i == 0:
+            panel.legend()
+    return finish(drawing, np.asarray(time), ())

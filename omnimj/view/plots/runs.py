@@ -226,65 +226,50 @@ def _heading_arrows(panel: Panel, trace: Trace, length: float) -> None:
         panel.polygon(np.array([tip, *barbs]), palette.INK, fill_alpha=0.75)
 
 
-def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Drawing:
-    """Plot rim speed r·φ̇ and carriage speed [m/s].
+def rig_plots(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> dict[str, Drawing]:
+    """Plot the signals of a rig over time, one drawing by name for each quantity that the run has.
+
+    Slip velocity V_r = r·φ̇ − V is that of the two encoders and, if recorded, the true one.
 
     Args:
       trace: The run.
       wheel_radius: Radius r of the wheel [m].
       spans: Faults to shade.
     """
-    rim = (wheel_radius * trace["wheel_speed"], palette.ACCENT, "wheel rim, r·φ̇", "-")
-    carriage = (trace["carriage_speed"], palette.MEASURED, "carriage", (0, (6, 1.5)))
-    return _rig_plot(trace, "speed [m/s]", [rim, carriage], spans, zero=False)
+    rim, carriage = wheel_radius * trace["wheel_speed"], trace["carriage_speed"]
+    plots: dict[str, tuple[str, list[_Line]]] = {
+        "speeds": ("speed [m/s]", [(rim, palette.ACCENT, "wheel rim, r·φ̇", "-")]),
+        "slip": ("slip velocity [m/s]", [(rim - carriage, palette.DIAGNOSIS, "from the encoders", "-")]),
+        "forces": ("force [N]", []),
+        "normal": ("normal force [N]", []),
+        "current": ("current [A]", []),
+        "lateral": ("lateral speed [m/s]", []),
+    }
+    for name, column, color, label, dash in _RIG_LINES:
+        if column in trace and (column != "lateral_force_1" or np.any(trace[column])):
+            plots[name][1].append((trace[column], color, label, dash))
+    zero = ("slip", "forces", "current", "lateral")
+    return {
+        name: _rig_plot(trace, label, lines, spans, name in zero)
+        for name, (label, lines) in plots.items()
+        if lines
+    }
 
 
-def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Drawing:
-    """Plot slip velocity V_r = r·φ̇ − V, from the two encoders and, if recorded, the true one [m/s].
-
-    Args:
-      trace: The run.
-      wheel_radius: Radius r of the wheel [m].
-      spans: Faults to shade.
-    """
-    measured = wheel_radius * trace["wheel_speed"] - trace["carriage_speed"]
-    lines: list[_Line] = [(measured, palette.DIAGNOSIS, "from the encoders", "-")]
-    if "slip_velocity_1" in trace:
-        lines.append((trace["slip_velocity_1"], palette.ACCENT, "true", "-"))
-    return _rig_plot(trace, "slip velocity [m/s]", lines, spans)
+_RIG_LINES: tuple[tuple[str, str, str, str, Style], ...] = (
+    ("speeds", "carriage_speed", palette.MEASURED, "carriage", (0, (6, 1.5))),
+    ("slip", "slip_velocity_1", palette.ACCENT, "true", "-"),
+    ("forces", "traction_force_1", palette.ACCENT, "traction", "-"),
+    ("forces", "lateral_force_1", palette.HEALTHY, "lateral", (0, (6, 1.5))),
+    ("normal", "normal_force_1", palette.MEASURED, "", "-"),
+    ("current", "current", palette.MEASURED, "measured", "-"),
+    ("current", "current_target", palette.INK, "command", (0, (4, 2))),
+    ("lateral", "lateral_speed", palette.HEALTHY, "gantry", "-"),
+)
+"""Plot, column, colour, label and dash pattern of the lines of a rig."""
 
 
-def rig_forces(trace: Trace, spans: Sequence[Span]) -> Drawing:
-    """Plot traction along the rail and lateral friction at the floor [N]."""
-    lines: list[_Line] = [(trace["traction_force_1"], palette.ACCENT, "traction", "-")]
-    if "lateral_force_1" in trace and np.any(trace["lateral_force_1"]):
-        lines.append((trace["lateral_force_1"], palette.HEALTHY, "lateral", (0, (6, 1.5))))
-    return _rig_plot(trace, "force [N]", lines, spans)
-
-
-def rig_normal_force(trace: Trace, spans: Sequence[Span]) -> Drawing:
-    """Plot the normal force at the floor [N]."""
-    lines: list[_Line] = [(trace["normal_force_1"], palette.MEASURED, "", "-")]
-    return _rig_plot(trace, "normal force [N]", lines, spans, zero=False)
-
-
-def rig_current(trace: Trace, spans: Sequence[Span]) -> Drawing:
-    """Plot motor current, measured and commanded [A]."""
-    lines: list[_Line] = [(trace["current"], palette.MEASURED, "measured", "-")]
-    if "current_target" in trace:
-        lines.append((trace["current_target"], palette.INK, "command", (0, (4, 2))))
-    return _rig_plot(trace, "current [A]", lines, spans)
-
-
-def rig_lateral_speed(trace: Trace, spans: Sequence[Span]) -> Drawing:
-    """Plot the lateral speed of the gantry [m/s]."""
-    lines: list[_Line] = [(trace["lateral_speed"], palette.HEALTHY, "gantry", "-")]
-    return _rig_plot(trace, "lateral speed [m/s]", lines, spans)
-
-
-def _rig_plot(
-    trace: Trace, label: str, lines: Sequence[_Line], spans: Sequence[Span], zero: bool = True
-) -> Drawing:
+def _rig_plot(trace: Trace, label: str, lines: Sequence[_Line], spans: Sequence[Span], zero: bool) -> Drawing:
     drawing = new_drawing(SHORT)
     (panel,) = drawing.panels
     panel.values(label)

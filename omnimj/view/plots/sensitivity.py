@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from omnimj.studies.sensitivity.elementary_effects import FactorRank, ResultSensitivity, shares
 from omnimj.studies.sensitivity.factors import Factor
-from omnimj.studies.sensitivity.ranking import FactorRank, ResultSensitivity, shares
 from omnimj.view import palette
 from omnimj.view.plots.matrix import ROW, matrix_panel
 from omnimj.view.plots.panels import MIDDLE, Drawing, Panel

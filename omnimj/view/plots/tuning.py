@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.palettes import Viridis256
 
-from omnimj.studies.tuning.cost import DETECTION, TRACKING
-from omnimj.studies.tuning.landscape import Landscape
+from omnimj.studies.tuning.cost import DETECTION, TRACKING, Landscape
 from omnimj.studies.tuning.search import GainAxis
 from omnimj.studies.tuning.study import ScoredCandidate, TuningResult
 from omnimj.view import palette

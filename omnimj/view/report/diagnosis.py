@@ -24,14 +24,20 @@ from omnimj.view.diagnosis_words import (
 )
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.plots.thinning import BINS
-from omnimj.view.report.page import Cell, Figure, Table, number, plot, table, write_page
-from omnimj.view.report.run_sections import (
+from omnimj.view.report.page import (
     FEW_RUNS,
     MOST_FIGURES,
+    Cell,
+    Figure,
     RunSection,
+    Table,
     make_section,
+    number,
+    plot,
     run_key,
     run_table,
+    table,
+    write_page,
 )
 from omnimj.view.residuals import Family, families
 from omnimj.view.wording import diagnosis_spans

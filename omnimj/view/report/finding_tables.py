@@ -15,8 +15,7 @@ from omnimj.estimate.gap.records import (
 )
 from omnimj.estimate.gap.sentences import format_amount, format_number, format_percent, variable_words
 from omnimj.view.plots.mismatch import either_sign
-from omnimj.view.report.page import Cell, Table, number, table
-from omnimj.view.report.run_sections import RunSection, run_table
+from omnimj.view.report.page import Cell, RunSection, Table, number, run_table, table
 
 _BOUND_DIGITS = 4
 _UNITS = {

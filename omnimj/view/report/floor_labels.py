@@ -14,9 +14,20 @@ from omnimj.diagnosis.floor_labels.runs import LabelledRun, ScoreBoard
 from omnimj.diagnosis.floor_labels.scores import EdgeScores
 from omnimj.resources import model_display_name
 from omnimj.signals import Array
-from omnimj.view.plots.floor_labels import floor_probabilities
-from omnimj.view.report.page import Cell, Table, number, plot, table, write_page
-from omnimj.view.report.run_sections import MOST_FIGURES, RunSection, make_section, run_key, run_table
+from omnimj.view.plots.diagnosis import floor_probabilities
+from omnimj.view.report.page import (
+    MOST_FIGURES,
+    Cell,
+    RunSection,
+    Table,
+    make_section,
+    number,
+    plot,
+    run_key,
+    run_table,
+    table,
+    write_page,
+)
 
 
 def describe_crossings(run: LabelledRun, floors: Sequence[str]) -> str:

@@ -31,10 +31,20 @@ from omnimj.estimate.gap.sentences import (
 )
 from omnimj.view.plots import candidates as candidate_plots
 from omnimj.view.plots import mismatch as plots
-from omnimj.view.plots.traction import over_slip
+from omnimj.view.plots.identification import over_slip
 from omnimj.view.report import finding_tables as tables
-from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
-from omnimj.view.report.run_sections import MOST_FIGURES, RunSection, make_section, run_key
+from omnimj.view.report.page import (
+    MOST_FIGURES,
+    Figure,
+    RunSection,
+    Table,
+    make_section,
+    number,
+    plot,
+    run_key,
+    table,
+    write_page,
+)
 
 _SPECTRA = 3
 _MOST_NOTES = 8  # of the data check; more are folded

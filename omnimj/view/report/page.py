@@ -1,14 +1,17 @@
 """HTML reports made from templates: one file each that works offline, on a phone and on paper.
 
 A report is data (texts, tables, figures) and a template in `templates/`; the templates escape every text.
+Parts of a page about single runs are found by a search field, together with the rows of tables about them;
+their plots are loaded when they are opened.
 """
 
 from __future__ import annotations
 
 import base64
+import dataclasses
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +29,17 @@ _MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"
 _MANY, _SENTENCE = 4, 40  # columns, and letters in a cell, from which rows are stacked on a phone
 _BROAD = 780  # width of a still picture across the page [pixels]
 _WIDE = 5  # columns from which rows are always stacked on a phone
+_TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+FEW_RUNS = 3
+"""Number of runs up to which a page has no search field."""
+MOST_FIGURES = 40
+"""Largest number of runs with plots, which keeps the page small enough for a browser."""
 
 
 @dataclass(frozen=True)
@@ -188,11 +202,69 @@ def _figures(content: Any) -> Iterator[Figure]:
         yield from itertools.chain.from_iterable(_figures(getattr(content, f.name)) for f in fields(content))
 
 
-_TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent / "templates"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
 _TEMPLATES.filters["command_line"] = command_line
+
+
+@dataclass(frozen=True)
+class RunSection:
+    """Part of the page about one run."""
+
+    name: str
+    key: str
+    """Anchor of the section."""
+    note: str
+    """Words beside the name, readable while the section is closed."""
+    is_open: bool
+    """True if the section is open from the beginning."""
+    lines: Sequence[str]
+    table: Table | None
+    figures: Sequence[Figure]
+
+
+def run_key(name: str) -> str:
+    """Return the anchor of the section of a run."""
+    return "run-" + "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in name)
+
+
+def make_section(
+    name: str,
+    figures: Sequence[Figure],
+    note: str = "",
+    lines: Sequence[str] = (),
+    found: Table | None = None,
+    is_open: bool = False,
+) -> RunSection:
+    """Make the part of the page about one run, whose plots are loaded when it is opened.
+
+    Args:
+      name: Name of the run, unique within the page.
+      figures: Plots of the run.
+      note: Words beside the name.
+      lines: Paragraphs.
+      found: Table above them.
+      is_open: True to open the section from the beginning; the first section of a page is always open.
+    """
+    key = run_key(name)
+    grouped = [dataclasses.replace(figure, group=key) for figure in figures]
+    return RunSection(name, key, note, is_open, lines, found, grouped)
+
+
+def run_table(
+    rows: Sequence[tuple[str, Sequence[Cell | object]]],
+    head: Sequence[str],
+    sections: Collection[RunSection],
+) -> Table:
+    """Make a table of runs, whose rows are found by the search field.
+
+    Args:
+      rows: Name of a run, which links to its section if there is one, and the other cells of the row.
+      head: Column headings.
+      sections: Sections of the page.
+    """
+    linked = {section.key for section in sections}
+    keys = [run_key(name) for name, _ in rows]
+    cells = [
+        (Cell(name, link=key if key in linked else ""), *others)
+        for key, (name, others) in zip(keys, rows, strict=True)
+    ]
+    return dataclasses.replace(table(cells, head), keys=keys)

@@ -269,21 +269,27 @@ def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     return figures
 
 
+_RIG_FIGURES = (
+    ("speeds", "Wheel and carriage", "Rim speed with r = {radius:g} m; the gap between the lines is slip."),
+    ("slip", "Slip velocity", "V_r = r·φ̇ − V."),
+    (
+        "forces",
+        "Traction and lateral force",
+        "At the wheel's contact with the floor, along the rail and along the axle.",
+    ),
+    ("normal", "Normal force", "It ripples as one roller after another takes the load."),
+    ("current", "Current", "Motor current reported by the amplifier, and command."),
+    ("lateral", "Lateral speed", "Speed of the gantry along the wheel's axle."),
+)
+"""Plot, heading and caption of the signals of a rig."""
+
+
 def _rig_figures(rig: Rig, trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     radius = rig.wheel.radius
-    words = f"Rim speed with r = {radius:g} m; the gap between the lines is slip."
-    figures = [
-        plot(plots.rig_speeds(trace, radius, spans), "speeds", "Wheel and carriage", words),
-        plot(plots.rig_slip(trace, radius, spans), "slip", "Slip velocity", "V_r = r·φ̇ − V."),
+    drawings = plots.rig_plots(trace, radius, spans)
+    moves = bool(np.any(np.abs(trace["lateral_speed"]) > _MOVES))
+    return [
+        plot(drawings[name], name, heading, words.format(radius=radius))
+        for name, heading, words in _RIG_FIGURES
+        if name in drawings and (moves or name != "lateral")
     ]
-    if "traction_force_1" in trace:
-        words = "At the wheel's contact with the floor, along the rail and along the axle."
-        figures.append(plot(plots.rig_forces(trace, spans), "forces", "Traction and lateral force", words))
-        words = "It ripples as one roller after another takes the load."
-        figures.append(plot(plots.rig_normal_force(trace, spans), "normal", "Normal force", words))
-    words = "Motor current reported by the amplifier, and command."
-    figures.append(plot(plots.rig_current(trace, spans), "current", "Current", words))
-    if np.any(np.abs(trace["lateral_speed"]) > _MOVES):
-        words = "Speed of the gantry along the wheel's axle."
-        figures.append(plot(plots.rig_lateral_speed(trace, spans), "lateral", "Lateral speed", words))
-    return figures

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from omnimj.recording.json_files import write_text
-from omnimj.studies.sensitivity.ranking import ResultSensitivity
+from omnimj.studies.sensitivity.elementary_effects import ResultSensitivity
 from omnimj.studies.sensitivity.study import SensitivityResult
 from omnimj.studies.sensitivity.tables import (
     format_excluded,

@@ -28,7 +28,6 @@ from omnimj.view.poses import Poses, robot_poses
 from omnimj.view.rerun import dead_reckoning
 from omnimj.view.rerun.blueprint import Eye, arranged, scene_view, whole_axis
 from omnimj.view.rerun.dead_reckoning import Motion
-from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import (
     MEASURED,
     Machine,
@@ -36,6 +35,7 @@ from omnimj.view.rerun.scene import (
     log_floor,
     log_name,
     on_floor,
+    recording_file,
     time_column,
 )
 from omnimj.view.rerun.signals import Line, log_rows, log_styles

@@ -19,7 +19,6 @@ from omnimj.view import wording
 from omnimj.view.motion import planned_position
 from omnimj.view.poses import Poses, visible_poses
 from omnimj.view.rerun.blueprint import Eye, focus_of, run_blueprint
-from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import (
     AROUND,
     MACHINE,
@@ -30,6 +29,7 @@ from omnimj.view.rerun.scene import (
     begin_recording,
     log_floor,
     log_planned,
+    recording_file,
 )
 from omnimj.view.rerun.signals import Signals, eventful_lanes, log_states, plots_of, with_columns
 

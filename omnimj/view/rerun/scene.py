@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -11,6 +13,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from omnimj.recording.folder import atomic_file
 from omnimj.signals import Array, Trace
 from omnimj.view import palette
 from omnimj.view.motion import patch_corners
@@ -297,3 +300,26 @@ class Trail:
 def on_floor(points: Array, height: float) -> NDArray[np.float32]:
     """Return places x, y, shape (k, 2) [m], at a height above the floor [m], shape (k, 3)."""
     return np.column_stack([points, np.full(len(points), height)]).astype(np.float32)
+
+
+@contextmanager
+def recording_file(path: Path, application: str) -> Iterator[rr.RecordingStream]:
+    """Context with a stream whose data become a recording file when the block succeeds, in full.
+
+    Args:
+      path: `.rrd` file to write.
+      application: Identifier for which the viewer keeps one layout.
+
+    Raises:
+      OutputError: The file cannot be written.
+    """
+    # Rerun's own file sink leaves half a file without an error on a full disk, and waiting for it never ends
+    stream = rr.RecordingStream(application)
+    recorded = stream.memory_recording()
+    try:
+        yield stream
+        content = recorded.drain_as_bytes()
+    finally:
+        stream.disconnect()
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(content)

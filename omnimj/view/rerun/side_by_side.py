@@ -17,7 +17,6 @@ from omnimj.view import palette
 from omnimj.view.poses import Poses, robot_poses
 from omnimj.view.rerun.blueprint import Eye, arranged, scene_view
 from omnimj.view.rerun.dead_reckoning import filled, integrated
-from omnimj.view.rerun.file import recording_file
 from omnimj.view.rerun.scene import (
     MEASURED,
     Machine,
@@ -25,6 +24,7 @@ from omnimj.view.rerun.scene import (
     log_floor,
     log_name,
     on_floor,
+    recording_file,
     time_column,
 )
 from omnimj.view.rerun.signals import Line, log_rows, log_styles

@@ -13,11 +13,9 @@ from scipy.io import loadmat
 
 from omnimj.errors import InputError
 from omnimj.recording.dataset import PLANT_COLUMNS
-from omnimj.recording.exporting.csv_file import write_csv
-from omnimj.recording.exporting.mat_file import write_mat
-from omnimj.recording.exporting.mcap_file import write_mcap
-from omnimj.recording.exporting.source import ExportedRun, read_run
-from omnimj.recording.exporting.units import column_unit, matlab_names, ros_names
+from omnimj.recording.exporting.files import write_csv, write_mat
+from omnimj.recording.exporting.messages import write_mcap
+from omnimj.recording.exporting.source import ExportedRun, column_unit, matlab_names, read_run, ros_names
 from omnimj.recording.importing.tables import SourceTable, read_source
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.traces import write_trace

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.importing.apply import apply_mapping
-from omnimj.recording.importing.mapping import ColumnSource, LogMapping, StaleRule, read_mapping
-from omnimj.recording.importing.mapping_text import mapping_text
+from omnimj.recording.importing.mapping import ColumnSource, LogMapping, StaleRule, mapping_text, read_mapping
 from omnimj.recording.importing.propose import Proposal, propose
 from omnimj.recording.importing.tables import SourceColumn, SourceTable
 

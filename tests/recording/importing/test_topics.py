@@ -32,8 +32,7 @@ from recording.made_bags import (
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.importing.tables import SourceHints, read_source
-from omnimj.recording.importing.topics.choice import TopicChoice
-from omnimj.recording.importing.topics.join import LONGEST_GAP, Track, values_at
+from omnimj.recording.importing.topics.join import LONGEST_GAP, TopicChoice, Track, values_at
 
 TIME = np.arange(COUNT) / RATE
 

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.errors import InputError
-from omnimj.simulate.teleop.devices import Gamepad, GamepadReader
-from omnimj.simulate.teleop.operator import STALE_AFTER, Operator
+from omnimj.simulate.teleop.devices import STALE_AFTER, Gamepad, GamepadReader, Operator
 from omnimj.simulate.teleop.steering import DIRECTIONS, Key, KeyReader, Steering, SteeringLimits, StickState
 
 TYPED = b"wsad\x1b[A\x1b[Bjl\x1b[D\x1bOCW q"

@@ -12,10 +12,10 @@ from benchmark_truths import LATE, VISCOUS, hiding
 from omnimj.effects import RIG, effects_of
 from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.parameters import read_floors, read_rig
-from omnimj.studies.gap_benchmark.baselines import LinearModel, forward_selection, sparse_regression
 from omnimj.studies.gap_benchmark.cases import FLOORS, HiddenEffect
 from omnimj.studies.gap_benchmark.scoring import relative_to_nominal, score_case
 from omnimj.studies.gap_benchmark.summary import summarize
+from omnimj.studies.gap_benchmark.trial import LinearModel, forward_selection, sparse_regression
 from omnimj.studies.gap_benchmark.unmodelled import UnmodelledEffect
 from omnimj.studies.statistics import rate, wilson
 

@@ -10,24 +10,22 @@ import pytest
 from scipy.stats import sobol_indices, uniform
 
 from omnimj.studies.sensitivity.elementary_effects import (
+    BELOW,
     LEVELS,
+    NONE,
+    RANKED,
     STEP,
+    UNKNOWN,
+    UNSURE,
     EffectStatistics,
+    ResultSensitivity,
     bootstrap_mu_star,
+    classify_effect,
     effect_statistics,
     elementary_effects,
     noise_floor,
-    trajectory,
-)
-from omnimj.studies.sensitivity.ranking import (
-    BELOW,
-    NONE,
-    RANKED,
-    UNKNOWN,
-    UNSURE,
-    ResultSensitivity,
-    classify_effect,
     rank_all,
+    trajectory,
 )
 
 A = np.array([0.0, 1.0, 4.5, 9.0, 99.0])  # of the g-function: the smaller, the more its parameter matters

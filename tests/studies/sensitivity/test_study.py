@@ -20,8 +20,8 @@ from omnimj.signals import Trace
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.scenario import read_scenario
 from omnimj.studies.sensitivity import trial
+from omnimj.studies.sensitivity.elementary_effects import NONE
 from omnimj.studies.sensitivity.factors import find_factors
-from omnimj.studies.sensitivity.ranking import NONE
 from omnimj.studies.sensitivity.study import REPEATS, SensitivityResult, run_sensitivity
 
 RIG = len(find_factors(read_scenario("rig_constant_current"))[0])

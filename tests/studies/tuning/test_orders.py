@@ -11,7 +11,7 @@ from short_push import scenario_file
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.studies.tuning import batch
+from omnimj.studies.tuning import trial
 from omnimj.studies.tuning.cost import Limits, score
 from omnimj.studies.tuning.draws import draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.margins import LoopStability
@@ -48,14 +48,14 @@ def test_another_folders_worker_reads_the_same_scenario(order, tmp_path, monkeyp
 
 
 def test_gains_before_that_break_a_judging_run_down_are_reported_before_the_search(order, monkeypatch):
-    drive, driven = batch.drive_trial, []
+    drive, driven = trial.drive_trial, []
 
     def fragile(draw, values, uses, thresholds):
         driven.append(draw.name)
         found = drive(draw, values, uses, thresholds)
         return found | {"facts": {"broke": "at 0.1 s: x is nan"}} if "_100_" in draw.name else found
 
-    monkeypatch.setattr(batch, "drive_trial", fragile)
+    monkeypatch.setattr(trial, "drive_trial", fragile)
     with pytest.raises(InputError, match="a run with the gains before failed"):
         run_tuning(order, quiet, InlineExecutor())
     assert len(driven) == order.trials + order.judging

@@ -19,9 +19,9 @@ from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.recording.json_files import write_json
 from omnimj.studies.runner import TrialFolder
-from omnimj.studies.tuning import batch
+from omnimj.studies.tuning import trial
+from omnimj.studies.tuning.cost import importance, most_important_pairs
 from omnimj.studies.tuning.draws import FAULTS, apply_draw, draw_trial, read_tuned_scenarios
-from omnimj.studies.tuning.landscape import importance, most_important_pairs
 from omnimj.studies.tuning.reporting import format_gains_file
 from omnimj.studies.tuning.search import select_gains
 from omnimj.studies.tuning.study import TuningConfig, TuningResult, run_tuning
@@ -197,7 +197,7 @@ def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_with_an_e
 
 
 def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypatch):
-    drive_trial = batch.drive_trial
+    drive_trial = trial.drive_trial
 
     def fragile(draw, values, uses, thresholds):
         found = drive_trial(draw, values, uses, thresholds)
@@ -205,7 +205,7 @@ def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypa
             found = found | {"facts": {"broke": "at 0.1 s: x is nan"}}
         return found
 
-    monkeypatch.setattr(batch, "drive_trial", fragile)
+    monkeypatch.setattr(trial, "drive_trial", fragile)
     outcome = done(dataclasses.replace(order, landscape=0))
     broke = [one.score for one in outcome.tried if one.score.broke]
     fine = [one.score for one in outcome.tried if not one.score.broke and one.score.violation < 10.0]

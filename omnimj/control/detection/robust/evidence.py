@@ -34,15 +34,16 @@ from omnimj.control.detection.robust.glr import (
     clear_scores,
     coloured_variance,
     initial_history,
-    inverted,
     likelihood_ratios,
     no_scores,
+    push_block,
     update_usual_level,
 )
 from omnimj.control.detection.robust.parameter_filter import (
     ParameterModel,
     parameter_model,
     prior_deviation,
+    short_term_precision,
     update_parameters,
     with_degraded_motors,
 )
@@ -204,15 +205,13 @@ def compare_yaw_rates(x, parameters, block, yaw):
 @inlined
 def _push_block(robot, evidence, walk, noise, row, learning):
     """Push a whitened block into the history; θ and the usual level learn from the one that drops out."""
-    ring, cursor = evidence.history.ring, evidence.history.cursor
-    rows = ring.shape[0]
+    history, cursor = evidence.history, evidence.history.cursor
+    rows = history.ring.shape[0]
     if cursor[FILLED] == rows and learning:
         last = (cursor[HEAD] + 1) % rows
-        update_usual_level(evidence.usual, evidence.history.largest[last])
-        _learn(robot, evidence, walk, noise, ring[last])
-    cursor[HEAD] = (cursor[HEAD] + 1) % rows
-    cursor[FILLED] = min(cursor[FILLED] + 1, rows)
-    ring[cursor[HEAD]] = row
+        update_usual_level(evidence.usual, history.largest[last])
+        _learn(robot, evidence, walk, noise, history.ring[last])
+    push_block(history, row)
 
 
 @kernel
@@ -317,7 +316,7 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
             _learn(robot, evidence, model.walk, noise, row)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(robot, evidence, model.walk, noise, row, quiet and not accommodation.relearning)
-        precision = inverted(cov + np.diag(model.short_term))
+        precision = short_term_precision(cov, model.short_term, lasting(n))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
         evidence.scores.likelihood[:] /= noise

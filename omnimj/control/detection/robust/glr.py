@@ -28,9 +28,11 @@ WINDOWS = (5, 10, 20, 50, 100)
 """Lengths [blocks]."""
 LONGEST_WINDOW = WINDOWS[-1]
 _LENGTHS = np.array(WINDOWS)
+_WHOLE = len(WINDOWS) - 1  # the longest window is the whole second
 _RATHER = 2.0  # [nats] by which friction must be more likely than a loss
-FILLED, HEAD = range(2)
-"""Places of `BlockHistory.cursor`."""
+FILLED, HEAD, RENEWED, COUNTED = range(4)
+"""Places of `BlockHistory.cursor`: blocks in the ring, row of the newest one, window whose sums are being
+renewed, and blocks in its new sums."""
 USUAL = 1.5
 """Mean of the largest Λ of a block that the noise of the model file's sensors makes at most [nats]."""
 USUAL_BLOCKS, USUAL_WEIGHT = 900.0, 100.0
@@ -43,9 +45,16 @@ class BlockHistory(NamedTuple):
     ring: Array
     """Rows of [X (3 p) | ρ (3) | column of γ to learn from (3)], shape (LONGEST_WINDOW, 3 (p + 2))."""
     cursor: Array
-    """Number of blocks in the ring and row of the newest one, shape (2,), integers."""
+    """By `FILLED`, `HEAD`, `RENEWED`, `COUNTED`, shape (4,), integers."""
     largest: Array
     """Largest Λ of each block by the law of white noise, shape (LONGEST_WINDOW,) [nats]."""
+    gram: Array
+    """XᵀX below the diagonal over each window and, last, of the sums that are being renewed, shape
+    (windows+1, p, p)."""
+    pull: Array
+    """Xᵀ ρ, shape (windows+1, p)."""
+    squares: Array
+    """ρᵀ ρ, shape (windows+1,)."""
 
 
 class JumpScores(NamedTuple):
@@ -71,21 +80,25 @@ def is_friction(loss: float, friction: float) -> bool:
     return friction > loss + _RATHER
 
 
-class _WindowSums(NamedTuple):
-    """Sums over each window and, last, over the whole second; r = ρ − X θ̂."""
+class _Residuals(NamedTuple):
+    """Sums of r = ρ − X θ̂ over each window."""
 
-    gram: Array
-    """XᵀX below the diagonal, shape (windows+1, p, p)."""
     pull: Array
-    """Xᵀ r, shape (windows+1, p)."""
+    """Xᵀ r, shape (windows, p)."""
     squares: Array
-    """rᵀ r, shape (windows+1,)."""
+    """rᵀ r, shape (windows,)."""
 
 
 def initial_history(columns: int) -> BlockHistory:
     """Empty history for θ of length p."""
+    p, sums = columns, len(WINDOWS) + 1
     return BlockHistory(
-        np.zeros((LONGEST_WINDOW, 3 * (columns + 2))), np.array([0, -1]), np.zeros(LONGEST_WINDOW)
+        np.zeros((LONGEST_WINDOW, 3 * (p + 2))),
+        np.array([0, -1, 0, 0]),
+        np.zeros(LONGEST_WINDOW),
+        np.zeros((sums, p, p)),
+        np.zeros((sums, p)),
+        np.zeros(sums),
     )
 
 
@@ -129,6 +142,54 @@ def clear_scores(scores):
     scores.window[:] = 0.0
 
 
+@kernel
+def push_block(history, row):
+    """Push a block into the history, in place: its oldest block drops out once it is full.
+
+    Sums over windows gain the new block and lose the one that leaves. What rounding leaves behind does not
+    grow: one window after the other, sums that have only ever gained replace those that have lost.
+
+    Args:
+      history: `BlockHistory`, changed in place.
+      row: Row of `BlockHistory.ring`.
+    """
+    ring, cursor, sums = history.ring, history.cursor, history.squares.size
+    filled, head, new = cursor[FILLED], cursor[HEAD], sums - 1
+    if filled == 0:
+        history.gram[:], history.pull[:], history.squares[:] = 0.0, 0.0, 0.0
+        cursor[RENEWED], cursor[COUNTED] = 0, 0
+    for w in range(sums):
+        if w < new and filled >= _LENGTHS[w]:
+            _add_block(history, w, ring[(head + 1 - _LENGTHS[w]) % ring.shape[0]], -1.0)
+        _add_block(history, w, row, 1.0)
+    cursor[HEAD] = (head + 1) % ring.shape[0]
+    cursor[FILLED] = min(filled + 1, ring.shape[0])
+    cursor[COUNTED] += 1
+    ring[cursor[HEAD]] = row
+    w = cursor[RENEWED]
+    if cursor[COUNTED] == _LENGTHS[w]:
+        history.gram[w], history.pull[w] = history.gram[new], history.pull[new]
+        history.squares[w] = history.squares[new]
+        history.gram[new], history.pull[new], history.squares[new] = 0.0, 0.0, 0.0
+        cursor[RENEWED], cursor[COUNTED] = (w + 1) % new, 0
+
+
+@kernel
+def _add_block(history, window, block, sign):
+    """Add a block to the sums of a window, or take it out where the sign is −1, in place."""
+    gram, pull = history.gram[window], history.pull[window]
+    p = pull.size
+    r_x, r_y, r_z = sign * block[3 * p], sign * block[3 * p + 1], sign * block[3 * p + 2]
+    history.squares[window] += r_x * block[3 * p] + r_y * block[3 * p + 1] + r_z * block[3 * p + 2]
+    for j in range(p):
+        x, y, z = block[j], block[p + j], block[2 * p + j]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            pull[j] += x * r_x + y * r_y + z * r_z
+            x, y, z, row = sign * x, sign * y, sign * z, gram[j]
+            for q in range(j + 1):
+                row[q] += x * block[q] + y * block[p + q] + z * block[2 * p + q]
+
+
 @inlined
 def likelihood_ratios(history, theta, precision, model, scores):
     """Fill the scores with the best window of each jump.
@@ -141,67 +202,61 @@ def likelihood_ratios(history, theta, precision, model, scores):
       scores: `JumpScores`, filled in place.
 
     Returns:
-      Σ of squares of ρ − X θ̂ over each window per its 3 m numbers, shape (windows,).
+      Σ of squares of ρ − X θ̂ over each window per its 3 m numbers, shape (windows,); 0 for windows that the
+      history does not fill.
     """
-    p, windows = theta.size, len(_LENGTHS)
-    sums = _WindowSums(np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1))
+    p, windows, count, gram = theta.size, len(_LENGTHS), scores.size.size, history.gram
+    left = _Residuals(np.empty((windows, p)), np.zeros(windows))
     clear_scores(scores)
-    ended = _sum_windows(history, theta, sums)
+    _residuals(history, theta, left)
     whole, solved = precision.copy(), np.empty(p)
     for j in range(p):
         for q in range(j + 1):
-            whole[j, q] += sums.gram[windows, j, q]
+            whole[j, q] += gram[_WHOLE, j, q]
             whole[q, j] = whole[j, q]
     chol = np.linalg.cholesky(whole)
-    solve_lower(chol, sums.pull[windows], solved)
-    count = scores.size.size
-    whitened = _whiten_columns(sums.gram, chol, count)
-    for w in range(ended):
-        _score_window(sums, w, chol, solved, whitened[:, w * count : (w + 1) * count], model, scores)
-    return sums.squares[:windows] / (3.0 * _LENGTHS)
+    solve_lower(chol, left.pull[_WHOLE], solved)
+    whitened = _whiten_columns(gram, chol, windows, count)
+    for w in range(windows):
+        if history.cursor[FILLED] >= _LENGTHS[w]:
+            columns = whitened[:, w * count : (w + 1) * count]
+            _score_window(gram[w], left, w, chol, solved, columns, model, scores)
+        else:
+            left.squares[w] = 0.0
+    return left.squares / (3.0 * _LENGTHS)
 
 
 @kernel
-def _sum_windows(history, theta, sums):
-    """Fill the sums of each window and of the whole second; the number of windows that are full."""
-    p, window, last = theta.size, 0, len(_LENGTHS)
-    ring, row = history.ring, history.cursor[HEAD]
-    gram, pulled, squares = sums.gram[last], sums.pull[last], 0.0
-    for m in range(history.cursor[FILLED]):
-        block = ring[row]
-        # the three rows of a block together: half the time of one after the other
-        r_x, r_y, r_z = block[3 * p], block[3 * p + 1], block[3 * p + 2]
-        for j in range(p):
-            r_x -= block[j] * theta[j]
-            r_y -= block[p + j] * theta[j]
-            r_z -= block[2 * p + j] * theta[j]
-        squares = squares + r_x * r_x + r_y * r_y + r_z * r_z
-        for j in range(p):
-            x, y, z = block[j], block[p + j], block[2 * p + j]
-            if x != 0.0 or y != 0.0 or z != 0.0:
-                pulled[j] = pulled[j] + x * r_x + y * r_y + z * r_z
-                for q in range(j + 1):
-                    gram[j, q] = gram[j, q] + x * block[q] + y * block[p + q] + z * block[2 * p + q]
-        row = row - 1 if row > 0 else ring.shape[0] - 1
-        if window < last and m + 1 == _LENGTHS[window]:
-            sums.gram[window], sums.pull[window], sums.squares[window] = gram, pulled, squares
-            window += 1
-    sums.squares[last] = squares
-    return window
+def _residuals(history, theta, left):
+    """Fill `_Residuals`: Xᵀ r = Xᵀ ρ − XᵀX θ̂ and rᵀ r = ρᵀ ρ − θ̂ᵀ (Xᵀ ρ + Xᵀ r)."""
+    for w in range(left.squares.size):
+        gram, pull, pulled = history.gram[w], history.pull[w], left.pull[w]
+        pulled[:] = pull
+        for j in range(theta.size):
+            row, value, total = gram[j], theta[j], gram[j, j] * theta[j]
+            for q in range(j):
+                total += row[q] * theta[q]
+                pulled[q] -= row[q] * value
+            pulled[j] -= total
+        squares = history.squares[w]
+        for j in range(theta.size):
+            squares -= theta[j] * (pull[j] + pulled[j])
+        left.squares[w] = max(squares, 0.0)
 
 
 @kernel
-def _whiten_columns(gram, chol, count):
+def _whiten_columns(gram, chol, windows, count):
     """L⁻¹ Xᵀ x_h of the first columns x_h over every window, shape (p, windows × columns), windows in turn.
 
     All of them together, since each loop over one window's is too short for the processor's vectors.
 
     Args:
-      gram: XᵀX below the diagonal of each window and, last, of the whole second, shape (windows+1, p, p).
+      gram: XᵀX below the diagonal of each window, shape (windows or more, p, p).
       chol: L, shape (p, p).
+      windows: Number of windows.
       count: Number of columns.
     """
-    windows, p = gram.shape[0] - 1, chol.shape[0]
+    p = chol.shape[0]
     out = np.empty((p, windows * count))
     for j in range(p):
         row = out[j]
@@ -218,11 +273,12 @@ def _whiten_columns(gram, chol, count):
 
 
 @kernel
-def _score_window(sums, window, chol, solved, whitened, model, scores):
+def _score_window(gram, left, window, chol, solved, whitened, model, scores):
     """Score every hypothesis at one window; keeps the better of it and of shorter windows.
 
     Args:
-      sums: `_WindowSums`.
+      gram: XᵀX of the window below its diagonal, shape (p, p).
+      left: `_Residuals`.
       window: Index of the window.
       chol: Factor L of P⁻¹ + XᵀX of the whole second, shape (p, p).
       solved: L⁻¹ Xᵀ r of the whole second, shape (p,).
@@ -230,35 +286,38 @@ def _score_window(sums, window, chol, solved, whitened, model, scores):
       model: `ParameterModel`.
       scores: `JumpScores`, changed in place.
     """
-    gram, pulled, squares = sums.gram[window], sums.pull[window], sums.squares[window]
-    p, length = pulled.size, float(_LENGTHS[window])
+    pulled, p, length = left.pull[window], solved.size, float(_LENGTHS[window])
     shift, beside = np.empty(p), np.empty(p)
-    for h in range(scores.size.size):
-        column, score = gram[h, h], pulled[h]
-        for j in range(p):
-            score -= whitened[j, h] * solved[j]
-            column -= whitened[j, h] * whitened[j, h]
-        if column <= 1e-6:
+    score, column = pulled[: scores.size.size].copy(), np.empty(scores.size.size)
+    for h in range(column.size):
+        column[h] = gram[h, h]
+    for j in range(p):  # by rows, which are contiguous
+        row, factor = whitened[j], solved[j]
+        for h in range(column.size):
+            score[h] -= row[h] * factor
+            column[h] -= row[h] * row[h]
+    for h in range(column.size):
+        if column[h] <= 1e-6:
             continue
-        size = min(max(score / column, model.smallest[h]), model.largest[h])
-        likelihood = 0.5 * size * (2.0 * score - size * column)
+        size = min(max(score[h] / column[h], model.smallest[h]), model.largest[h])
+        likelihood = 0.5 * size * (2.0 * score[h] - size * column[h])
         if likelihood <= scores.likelihood[h]:
             continue
         for j in range(p):
             shift[j] = solved[j] - size * whitened[j, h]
         solve_lower_transposed(chol, shift)
-        left = squares - size * (2.0 * pulled[h] - size * gram[h, h])
-        for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows, which are contiguous
+        squares = left.squares[window] - size * (2.0 * pulled[h] - size * gram[h, h])
+        for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows
             row, value = gram[j], shift[j]
             beside[j] = 2.0 * (size * (gram[h, j] if j <= h else row[h]) - pulled[j]) + row[j] * value
             for q in range(j):
                 beside[q] += 2.0 * row[q] * value
         for j in range(p):
-            left += shift[j] * beside[j]
-        likelihood /= max(1.0, left / (3.0 * length))
+            squares += shift[j] * beside[j]
+        likelihood /= max(1.0, squares / (3.0 * length))
         if likelihood > scores.likelihood[h]:
             scores.likelihood[h], scores.size[h] = likelihood, size
-            scores.deviation[h], scores.window[h] = column**-0.5, length
+            scores.deviation[h], scores.window[h] = column[h] ** -0.5, length
 
 
 @kernel

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omnimj.control.detection.robust.glr import inverted
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
@@ -121,6 +122,23 @@ def short_term_deviation(wheels: int) -> Array:
     each = [LOSS_VARIES] * wheels + [FRICTION_VARIES] * wheels
     common = [0.01, 0.01, 0.05, 0.03, 0.05, 0.05, 0.1, 0.002, 0.002]
     return np.array([*each, *common, *([0.0] * (2 * wheels))])
+
+
+@kernel
+def short_term_precision(cov, short_term, lasts):
+    """Inverse of the covariance that θ has from window to window, shape (p, p).
+
+    Args:
+      cov: Covariance as learnt, shape (p, p); of those that do not last it is diagonal.
+      short_term: Variance that comes to it, shape (p,).
+      lasts: Number of the leading parameters that last.
+    """
+    p = short_term.size
+    precision = np.zeros((p, p))
+    precision[:lasts, :lasts] = inverted(cov[:lasts, :lasts] + np.diag(short_term[:lasts]))
+    for j in range(lasts, p):
+        precision[j, j] = 1.0 / (cov[j, j] + short_term[j])
+    return precision
 
 
 @kernel

@@ -31,7 +31,7 @@ from omnimj.estimate.replay.mjcf.play import Play, links_behind_play
 from omnimj.estimate.replay.stretches import FIRST
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import QUANTITIES, with_masses
-from omnimj.plant.mujoco.robot_step import function_address
+from omnimj.plant.mujoco.step import function_address
 from omnimj.signals import Array
 
 _KEPT = 64  # rigid-body forces along the motion that are remembered

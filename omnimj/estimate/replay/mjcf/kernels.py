@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST, value_at
 from omnimj.physics.native import kernel
-from omnimj.plant.mujoco.robot_step import call_step
+from omnimj.plant.mujoco.step import call_step
 from omnimj.signals import Array
 
 (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnimj.effects import ChannelEffect, find_effect
-from omnimj.effects.drive import NO_LIMIT
+from omnimj.effects.mjcf import NO_LIMIT
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part, PartChanges, Payload
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, Setting
 from omnimj.estimate.replay.mjcf.columns import MeasuredParts

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from omnimj.effects import AXIS, Effect, effects_of
-from omnimj.effects.link import AXIS_OF_TILT
+from omnimj.effects.mjcf import AXIS_OF_TILT
 from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, joint_unit
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, CandidateParameter
 from omnimj.estimate.replay.mjcf.columns import MeasuredParts

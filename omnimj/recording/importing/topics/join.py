@@ -18,6 +18,10 @@ _SAME_CLOCK = 1.0  # [s] of difference between two clocks that are one, with del
 _NANO = 1e-9
 
 Times = NDArray[np.int64]
+JOINS = ("linear", "previous")
+"""Rules for values between two messages: straight line, or the value of the message before."""
+STAMPS = ("header", "log")
+"""Clocks: the stamp that the sender wrote into the message, or the time at which it was logged."""
 
 
 @dataclass(frozen=True)
@@ -169,3 +173,30 @@ def values_at(track: Track, rows: Times, rule: str) -> Array:
         line = values[left] + (values[left + 1] - values[left]) * share
         found[inside] = np.where(width <= LONGEST_GAP * np.median(steps), line, np.nan)
     return found
+
+
+@dataclass(frozen=True)
+class TopicChoice:
+    """Rules by which messages become rows; `[topics]` of a mapping file."""
+
+    base: str | None = None
+    """Topic whose stamps are the rows; chosen when None."""
+    join: str = JOINS[0]
+    """One of `JOINS`; whole numbers, switches and set values hold their last value under either."""
+    stamps: str | None = None
+    """One of `STAMPS`; when None, header stamps where every joined topic has usable ones."""
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """One topic of a file, as the preview shows it."""
+
+    name: str
+    type_name: str
+    messages: int
+    rate: float
+    """Messages per second by the median step; 0 with fewer than two."""
+    stamps: str
+    """Which stamps are used, and why not the others, in words."""
+    joined: str
+    """Description of how its values come to the rows."""

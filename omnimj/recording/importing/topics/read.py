@@ -11,12 +11,13 @@ import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.importing.tables import SourceColumn, SourceHints, SourceTable, require_size
-from omnimj.recording.importing.topics.bag import read_bag
 from omnimj.recording.importing.topics.cdr import CdrNumbers, Definitions
-from omnimj.recording.importing.topics.choice import TopicChoice, TopicSummary
+from omnimj.recording.importing.topics.files import read_bag
 from omnimj.recording.importing.topics.join import (
     Clock,
     Times,
+    TopicChoice,
+    TopicSummary,
     Track,
     choose_clocks,
     make_times,

@@ -23,18 +23,21 @@ from omnimj.control.detection.robust.force_balance import (
     whiten,
 )
 from omnimj.control.detection.robust.glr import (
+    FILLED,
     LONGEST_WINDOW,
     WINDOWS,
-    BlockHistory,
     JumpScores,
+    initial_history,
     inverted,
     likelihood_ratios,
     no_scores,
+    push_block,
 )
 from omnimj.control.detection.robust.parameter_filter import (
     LOSS,
     parameter_model,
     prior_deviation,
+    short_term_precision,
     significant_losses,
     update_parameters,
 )
@@ -75,11 +78,9 @@ def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, lo
 
 def scored(x, rho, theta, cov) -> JumpScores:
     """Scores of some whitened blocks."""
-    length = len(x)
-    ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
-    ring[:length] = np.concatenate((x.reshape(length, -1), rho), axis=1)
-    found = no_scores(N)
-    history = BlockHistory(ring, np.array([length, length - 1]), np.zeros(LONGEST_WINDOW))
+    history, found = initial_history(P), no_scores(N)
+    for own, right in zip(x, rho, strict=True):
+        push_block(history, np.concatenate((own.ravel(), right, np.zeros(3))))
     likelihood_ratios(history, theta, np.linalg.inv(cov), ANY_JUMP, found)
     return found
 
@@ -204,6 +205,17 @@ def test_learning_block_by_block_is_one_least_squares_with_the_prior():
     assert cov == pytest.approx(np.linalg.inv(information), abs=1e-12)
 
 
+def test_whatever_was_learnt_the_precision_is_the_inverse_of_the_covariance_from_window_to_window():
+    rng, theta, cov = np.random.default_rng(5), np.zeros(P), np.diag(prior_deviation(N) ** 2)
+    model, identity = parameter_model(N, 0.01, 120.0), np.eye(P)
+    for _ in range(50):
+        update_parameters(
+            theta, cov, model.walk, lasting(N), 1.0, rng.normal(size=(3, P)), rng.normal(size=3)
+        )
+    found = short_term_precision(cov, model.short_term, lasting(N))
+    assert found @ (cov + np.diag(model.short_term)) == pytest.approx(identity, abs=1e-9)
+
+
 @pytest.mark.parametrize("length", WINDOWS)
 def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_around_it(length):
     rng = np.random.default_rng(length)
@@ -231,6 +243,30 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_aro
         assert found.likelihood[h] == pytest.approx(likelihood, rel=1e-6)
         assert found.size[h] == pytest.approx(size, rel=1e-6)
         assert found.deviation[h] == pytest.approx(deviation, rel=1e-6)
+
+
+def test_sums_over_windows_are_those_of_their_last_blocks_however_many_came_and_however_large_they_were():
+    rng, history, pushed = np.random.default_rng(12), initial_history(P), []
+    for number in range(1500):
+        if number == 900:  # as after a decision
+            history.cursor[FILLED] = 0
+            pushed.clear()
+        x, rho = rng.normal(size=(3, P)), rng.normal(size=3)
+        x[:, rng.random(P) < 0.4] = 0.0
+        if number % 400 == 70:  # an impact, whose trace must vanish with it
+            x, rho = 1e6 * x, 1e6 * rho
+        pushed.append((x, rho))
+        push_block(history, np.concatenate((x.ravel(), rho, np.zeros(3))))
+        if number % 97 and number not in (899, 1499):
+            continue
+        for w, length in enumerate(WINDOWS):
+            last = pushed[-length:]
+            x, rho = np.concatenate([x for x, _ in last]), np.concatenate([rho for _, rho in last])
+            trace = 1e-16 * max(np.abs(x).max() ** 2 for x, _ in pushed[-3 * LONGEST_WINDOW :])
+            exact = {"rel": 1e-9, "abs": 1e-9 + 1e3 * trace}
+            assert np.tril(history.gram[w]) == pytest.approx(np.tril(x.T @ x), **exact)
+            assert history.pull[w] == pytest.approx(x.T @ rho, **exact)
+            assert history.squares[w] == pytest.approx(rho @ rho, **exact)
 
 
 def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_variable():
