@@ -222,7 +222,7 @@ def test_the_menu_can_be_driven_and_a_load_parts_slope_from_offset():
     parting = {}
     for experiment in found.candidate_experiments():
         one, other = found.predict(rivals, experiment)
-        assert np.isfinite(one).all()
+        assert np.isfinite(one[:, 0]).all()  # the replay of any machine predicts inputs only
         parting[experiment.name] = float(np.abs(other - one)[:, 0].mean())
     loaded = [p for name, p in parting.items() if name.endswith("loaded")]
     plain = [p for name, p in parting.items() if not name.endswith("loaded")]
