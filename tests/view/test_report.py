@@ -200,12 +200,7 @@ def figures(robot_trace: Trace, rig_trace: Trace, spans) -> dict[str, Drawing]:
         "wheel_speeds": runs.wheel_speeds(robot_trace, spans),
         "currents": runs.currents(robot_trace, spans),
         "slip": runs.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans),
-        "rig_speeds": runs.rig_speeds(rig_trace, 0.05, spans),
-        "rig_slip": runs.rig_slip(rig_trace, 0.05, spans),
-        "rig_forces": runs.rig_forces(rig_trace, spans),
-        "rig_normal": runs.rig_normal_force(rig_trace, spans),
-        "rig_current": runs.rig_current(rig_trace, spans),
-        "rig_lateral": runs.rig_lateral_speed(rig_trace, spans),
+        **{f"rig_{name}": one for name, one in runs.rig_plots(rig_trace, 0.05, spans).items()},
     }
 
 
