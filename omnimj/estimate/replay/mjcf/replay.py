@@ -67,6 +67,7 @@ _STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen ev
 _MORE_EFFECTS = 2  # in a model, per joint
 _REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
+_HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
 _SLOWEST_RATE, _FASTEST_RATE = 2.0 * np.pi, 100.0  # [rad/s] of the filter of missing forces
 _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
@@ -106,6 +107,10 @@ class MachineReplay:
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
         self._smoothing = self._smoothing_of(nominal)
+        self._holds = log.valid & ~self._turning()
+        self._shares = np.ones(log.valid.shape)
+        for j in np.flatnonzero(self._smoothing > 0.0):
+            self._shares[:, j] = np.maximum(self._smoothed(self._holds[:, j].astype(float), j), _LEAST_SHARE)
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
@@ -212,12 +217,20 @@ class MachineReplay:
         return found
 
     def _balanced(self, missing: Array) -> Array:
-        """Missing forces, low-passed where the force was measured and the encoder is the noisier sensor."""
+        """Missing forces, low-passed where the force was measured and the encoder is the noisier sensor.
+
+        Only rows in which the balance holds pass the filter: what is wrong elsewhere does not spread.
+        """
         found = missing.copy()
         for j in np.flatnonzero(self._smoothing > 0.0):
-            for first, last, _, _ in self.log.stretches:
-                part = slice(int(first), int(last))
-                found[part, j] = gaussian_filter1d(missing[part, j], self._smoothing[j], mode="nearest")
+            found[:, j] = self._smoothed(np.where(self._holds[:, j], missing[:, j], 0.0), j) / self._shares[:, j]
+        return found
+
+    def _smoothed(self, values: Array, joint: int) -> Array:
+        """Values of a joint, low-passed within each stretch, shape (n,)."""
+        found, width = np.empty(len(values)), self._smoothing[joint]
+        for first, last, _, _ in self.log.stretches:
+            found[first:last] = gaussian_filter1d(values[first:last], width, mode="nearest")
         return found
 
     def _smoothing_of(self, nominal: Setting) -> Array:
@@ -315,22 +328,23 @@ class MachineReplay:
 
     def _measured(self) -> Array:
         log = self.log
-        inputs = np.where(log.valid & ~self._turning(), log.inputs, np.nan)
+        holding, least = self._means(self._holds.astype(float)), np.where(self._smoothing > 0.0, _HALF, 1.0)
+        inputs = np.where(holding >= least - 1e-9, self._means(log.inputs), np.nan)
         places = np.full((log.blocks, len(self.parts.joints)), np.nan)
         rows = kernels.window_rows(self._windows, log.size)
         places[rows] = self._means(log.position)[rows]
         velocity = log.velocity[:, np.array(self.parts.has_velocity)]
-        return np.hstack([self._means(inputs), places, self._means(velocity), self._means(log.sensors)])
+        return np.hstack([inputs, places, self._means(velocity), self._means(log.sensors)])
 
     def _turning(self) -> NDArray[np.bool_]:
         """Rows around a rest or a reversal of joints with a measured force, shape (n, j).
 
-        The filters mix rows before and after it, in which dry friction differs.
+        The filter of the motion mixes rows before and after it, in which dry friction differs.
         """
         log = self.log
         found = np.zeros(log.valid.shape, bool)
         for j in np.flatnonzero(self._smoothing > 0.0):
-            near = round(log.reach[j] / log.period + self._smoothing[j])
+            near = round(log.reach[j] / log.period)
             for first, last, _, _ in log.stretches:
                 part, speed = slice(int(first), int(last)), log.speed[first:last, j]
                 turns = np.abs(speed) < self._maker.rest_speed[j]
