@@ -45,6 +45,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import LawMaker, Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog, read_machine_log
+from omnimj.estimate.replay.mjcf.remembered import Remembered
 from omnimj.estimate.replay.mjcf.scope import scope_notes
 from omnimj.estimate.replay.mjcf.settings import (
     JointSpan,
@@ -67,6 +68,7 @@ _STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen ev
 _MORE_EFFECTS = 2  # in a model, per joint
 _REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
+_KEPT = 256  # simulated settings that are remembered
 _HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
 _SLOWEST_RATE, _FASTEST_RATE = 2.0 * np.pi, 100.0  # [rad/s] of the filter of missing forces
@@ -100,6 +102,7 @@ class MachineReplay:
         stated = [stated_masses(self._runs[k], machine, dataset.path) for k in log.run_of_stretch]
         self._dynamics = Dynamics(machine, log, self.parts.sensors, stated)
         self._windows = self._chosen_windows()
+        self._known: Remembered[Array] = Remembered(_KEPT)
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
         sample = min(float(np.median(np.diff(run.time))) for run in self._runs)
         self.base = base_parameters(machine, sample if self.plant == AXIS else log.period)
@@ -110,7 +113,8 @@ class MachineReplay:
         self._holds = log.valid & ~self._turning()
         self._shares = np.ones(log.valid.shape)
         for j in np.flatnonzero(self._smoothing > 0.0):
-            self._shares[:, j] = np.maximum(self._smoothed(self._holds[:, j].astype(float), j), _LEAST_SHARE)
+            shares = self._smoothed(self._holds[:, j].astype(float), self._smoothing[j])
+            self._shares[:, j] = np.maximum(shares, _LEAST_SHARE)
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
@@ -130,7 +134,17 @@ class MachineReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
-        return map_in_threads(self._simulate, settings, self._threads)
+        return map_in_threads(self._remembered, settings, self._threads)
+
+    def _remembered(self, setting: Setting) -> Array:
+        """Block means under a setting; a search comes back to its last ones."""
+        effects = tuple((label, np.asarray(values).tobytes()) for label, values in setting.effects.items())
+        curve = None if setting.curve is None else (setting.curve[0], np.asarray(setting.curve[1]).tobytes())
+        key = np.asarray(setting.base, float).tobytes(), effects, curve
+        if (found := self._known.get(key)) is None:
+            found = self._simulate(setting)
+            self._known.keep(key, found)
+        return found
 
     def simulate_twin(self, setting: Setting) -> None:
         """None: the replay is that of MuJoCo already."""
@@ -223,12 +237,13 @@ class MachineReplay:
         """
         found = missing.copy()
         for j in np.flatnonzero(self._smoothing > 0.0):
-            found[:, j] = self._smoothed(np.where(self._holds[:, j], missing[:, j], 0.0), j) / self._shares[:, j]
+            kept = np.where(self._holds[:, j], missing[:, j], 0.0)
+            found[:, j] = self._smoothed(kept, self._smoothing[j]) / self._shares[:, j]
         return found
 
-    def _smoothed(self, values: Array, joint: int) -> Array:
-        """Values of a joint, low-passed within each stretch, shape (n,)."""
-        found, width = np.empty(len(values)), self._smoothing[joint]
+    def _smoothed(self, values: Array, width: float) -> Array:
+        """Values low-passed within each stretch, shape (n,)."""
+        found = np.empty(len(values))
         for first, last, _, _ in self.log.stretches:
             found[first:last] = gaussian_filter1d(values[first:last], width, mode="nearest")
         return found
