@@ -8,6 +8,9 @@ damping = { half_width = 0.02, unit = "N.m.s/rad" }   # the value is that of the
 joint = "elbow"
 force = { value = 0.1, unit = "N.m", source = "identified" }
 velocity = { value = 0.2, unit = "rad/s", source = "identified" }
+
+[sensors]
+on_link = ["elbow"]   # joints whose encoder is on the link: play lies before it
 ```
 """
 
@@ -15,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +43,7 @@ from omnimj.plant.mujoco.quantities import (
     unit_of,
 )
 
+_TABLES = ("uncertain", "effects", "sensors")
 _KEYS = ("value", "half_width", "unit")
 _POSITIVE, _FINITE = Rule(0.0, math.inf, True), Rule(-math.inf, math.inf, False)
 _OBJECT = mujoco.mjtObj
@@ -96,8 +100,8 @@ class Machine:
     """Plant whose names the effects have."""
     columns: tuple[str, ...] = ()
     """Columns of the logs of an axis."""
-    excluded: tuple[str, ...] = ()
-    """Effects that are no candidates."""
+    encoders_on_links: tuple[str, ...] = ()
+    """Joints whose position is measured on the link, behind a play; that of the others on the motor."""
 
     @property
     def forces_are_declared(self) -> bool:
@@ -162,12 +166,15 @@ def read_machine_file(path: Path | None) -> Machine:
         return machine
     tree = read_toml(machine.facts)
     for key in tree:
-        if key not in ("uncertain", "effects"):
-            raise UnknownNameError(machine.facts, "table", key, ("uncertain", "effects"))
+        if key not in _TABLES:
+            raise UnknownNameError(machine.facts, "table", key, _TABLES)
     provenance: dict[str, Provenance] = {}
     effects = read_effects(tree, machine.facts, provenance)
     uncertain = tuple(_uncertain(machine, tree.get("uncertain", {})))
-    found = Machine(path, mj_model, drives, machine.values, uncertain, effects, provenance)
+    on_links = tuple(_on_links(machine, tree.get("sensors", {})))
+    found = replace(
+        machine, uncertain=uncertain, effects=effects, provenance=provenance, encoders_on_links=on_links
+    )
     apply_part_effects(found)
     return found
 
@@ -180,6 +187,20 @@ def _compile(path: Path) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(path, "is not an MJCF model", " ".join(str(error).split())) from None
+
+
+def _on_links(machine: Machine, tree: Any) -> Iterator[str]:
+    """Yield the joints of `[sensors] on_link`."""
+    place = f"{machine.facts}: sensors"
+    for key, names in check_table(place, tree).items():
+        if key != "on_link":
+            raise UnknownNameError(place, "key", key, ("on_link",))
+        if not isinstance(names, list):
+            raise InputError(f"{place}.{key}", f"found {names!r}", "must be a list of joints")
+        for name in names:
+            if name not in machine.joints:
+                raise UnknownNameError(f"{place}.{key}", JOINT, name, machine.joints)
+            yield name
 
 
 def _uncertain(machine: Machine, tree: Any):

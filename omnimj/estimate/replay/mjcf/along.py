@@ -24,7 +24,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog
-from omnimj.estimate.replay.mjcf.play import Play, links_behind_play
+from omnimj.estimate.replay.mjcf.play import Play, links_behind_play, motors_before_play
 from omnimj.estimate.replay.mjcf.remembered import Remembered
 from omnimj.estimate.replay.mjcf.rigid import RigidBodies, arrays_of
 from omnimj.estimate.replay.stretches import FIRST
@@ -88,6 +88,7 @@ class Dynamics:
         """
         self._machine, self._log = machine, log
         self._bodies = RigidBodies(machine, log.stretches.tolist(), sensors, stated)
+        self._on_link = np.array([name in machine.encoders_on_links for name in machine.joints])
         self._widths = [_deflection_width(log, j) for j in range(log.position.shape[1])]
         self._known: Remembered[Motion] = Remembered(_KEPT)
         substeps = max(1, int(np.ceil(log.period / max(machine.mj_model.opt.timestep, _STEP) - 1e-6)))
@@ -101,7 +102,7 @@ class Dynamics:
           laws: The machine under the setting.
           commands: Effective inputs, shape (n, j); None: springs are loaded by the links' motion alone.
         """
-        if not laws.joints[:, COMPLIANCE].any():
+        if not laws.joints[:, COMPLIANCE].any() and not laws.joints[self._on_link, PLAY].any():
             commands = None
         key = (
             self._readings_of(laws),
@@ -149,8 +150,22 @@ class Dynamics:
                 rigid, readings = self._bodies.forces(laws, (one, two, three))
         play = None
         if laws.joints[:, PLAY].any():
-            play = links_behind_play(laws.joints, log, plain, rigid, self._inertias(laws, plain, rigid, PLAY))
+            play = self._behind_play(laws, plain, rigid, commands)
         return Motion(position, speed, acceleration, balanced, rigid, readings, bent, play)
+
+    def _behind_play(
+        self, laws: Laws, plain: tuple[Array, Array, Array], rigid: Array, commands: Array | None
+    ) -> Play:
+        """Links behind the play of measured motors, and motors before that of measured links.
+
+        Without inputs the latter are not known, and their play has no effect.
+        """
+        on_motor, on_link = laws.joints.copy(), laws.joints.copy()
+        on_motor[self._on_link, PLAY] = on_link[~self._on_link, PLAY] = 0.0
+        play = links_behind_play(on_motor, self._log, plain, rigid, self._inertias(laws, plain, rigid, PLAY))
+        if commands is not None:
+            motors_before_play(on_link, self._log, play, (commands, *plain))
+        return play
 
     def _motor_shares(self, laws: Laws, motor: tuple[Array, ...], rigid: Array) -> Array:
         """Weight of the motor's side in the force of each spring, shape (n, j).

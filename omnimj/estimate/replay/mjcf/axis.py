@@ -16,7 +16,6 @@ from omnimj.effects import AXIS
 from omnimj.effects.axis import CARRIAGE, DRIVE, GUIDE, part_values
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part
 from omnimj.errors import InputError
-from omnimj.estimate.replay.interface import NOT_SOUGHT
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.parameters import Axis
 from omnimj.plant.mujoco.machine import Machine, Uncertain, apply_part_effects
@@ -34,9 +33,6 @@ _NAMES: Mapping[str, Part] = {
 _REVERSED = (
     "{name} has the opposite sign of the motion that it makes and is taken with its sign reversed; "
     'to mend the dataset: [columns] "{name}" = {{ name = "{name}", scale = -1.0 }}'
-)
-_BEHIND_PLAY = (
-    f"{NOT_SOUGHT}: backlash: the replay knows play behind the encoder, which is beside the carriage"
 )
 _DRIVES = 0.5  # share of the force's deviation that the motion must explain
 
@@ -89,16 +85,12 @@ def axis_replay(dataset: Dataset, axis: Axis, threads: int | None = None) -> Mac
     Raises:
       InputError: A run has neither force nor current, or none is long enough.
     """
-    if not axis.sensors.encoder_at_drive:
-        known = {name: own for name, own in axis.effects.items() if not name.startswith("backlash")}
-        axis = replace(axis, effects=known)
     machine, runs = axis_machine(axis), dataset.runs
     force = "force" if any("force" in run.columns for run in runs) else "current"
     velocity = ("velocity",) if all("velocity" in run.columns for run in runs) else ()
     columns = ("position", force, *velocity)
-    machine = replace(
-        machine, columns=columns, excluded=() if axis.sensors.encoder_at_drive else ("backlash",)
-    )
+    on_links = () if axis.sensors.encoder_at_drive else machine.joints
+    machine = replace(machine, columns=columns, encoders_on_links=on_links)
     if force == "force":
         kept = tuple(one for one in machine.uncertain if one.name != "force_constant")
         machine = replace(machine, uncertain=kept)
@@ -109,8 +101,6 @@ def axis_replay(dataset: Dataset, axis: Axis, threads: int | None = None) -> Mac
             MachineReplay(_reversed(logs), machine, threads=threads),
             (_REVERSED.format(name=force),),
         )
-    if not axis.sensors.encoder_at_drive:
-        notes += (_BEHIND_PLAY,)
     found.notes = (*found.notes, *notes)
     return found
 

@@ -79,7 +79,7 @@ def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> 
     """
     found = []
     menu = effects_of(machine.plant)
-    for effect in (menu[name] for name in menu if name not in machine.excluded):
+    for effect in menu.values():
         for selectors in _choices(effect, machine, parts, spans):
             chosen = f" ({', '.join(selectors.values())})" if selectors else ""
             label = f"{effect.name}{chosen}"
