@@ -222,9 +222,10 @@ def test_the_menu_can_be_driven_and_a_load_parts_slope_from_offset():
     parting = {}
     for experiment in found.candidate_experiments():
         one, other = found.predict(rivals, experiment)
-        assert np.isfinite(one[:, 0]).all()  # the replay of any machine predicts inputs only
+        assert np.isfinite(one[:, 0]).all() and np.isnan(one[:, 1:]).all()  # nothing but what the motion needs
         parting[experiment.name] = float(np.abs(other - one)[:, 0].mean())
     loaded = [p for name, p in parting.items() if name.endswith("loaded")]
+    assert len(parting) == 2 * len(loaded) == 8  # every motion bare and loaded
     plain = [p for name, p in parting.items() if not name.endswith("loaded")]
     assert min(loaded) > 20.0 * max(plain)
 
@@ -263,12 +264,13 @@ def test_gaps_and_spikes_are_masked_and_the_rest_is_at_the_floor():
     assert np.isnan(found.measured).any()
 
 
-def test_a_logger_with_a_noisy_position_still_leaves_little():
+def test_a_logger_with_a_noisy_position_gets_a_slower_filter():
     random, runs = np.random.default_rng(0), []
     for run in logs():
         noisy = run.columns["position"] + 3e-5 * random.standard_normal(len(run.time))
         runs.append(dataclasses.replace(run, columns={**run.columns, "position": noisy}))
-    rough = replay_of(runs)
+    fine, rough = replay_of(logs()), replay_of(runs)
+    assert rough.smoothing[0] > 2.0 * fine.smoothing[0]
     setting = nominal(rough, mass=96.5, coulomb=21.5, viscous=190.0)
     force, position = rms(rough.measured - rough.simulate([setting])[0])
     assert force < 1.0

@@ -109,11 +109,12 @@ class MachineReplay:
         self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
-        self._smoothing = self._smoothing_of(nominal)
+        self.smoothing = self._smoothing_of(nominal)
+        """Width σ of the filter of each joint's missing force, shape (j,) [rows]; 0 without a measured force."""
         self._holds = log.valid & ~self._turning()
         self._shares = np.ones(log.valid.shape)
-        for j in np.flatnonzero(self._smoothing > 0.0):
-            shares = self._smoothed(self._holds[:, j].astype(float), self._smoothing[j])
+        for j in np.flatnonzero(self.smoothing > 0.0):
+            shares = self._smoothed(self._holds[:, j].astype(float), self.smoothing[j])
             self._shares[:, j] = np.maximum(shares, _LEAST_SHARE)
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
@@ -236,9 +237,9 @@ class MachineReplay:
         Only rows in which the balance holds pass the filter: what is wrong elsewhere does not spread.
         """
         found = missing.copy()
-        for j in np.flatnonzero(self._smoothing > 0.0):
+        for j in np.flatnonzero(self.smoothing > 0.0):
             kept = np.where(self._holds[:, j], missing[:, j], 0.0)
-            found[:, j] = self._smoothed(kept, self._smoothing[j]) / self._shares[:, j]
+            found[:, j] = self._smoothed(kept, self.smoothing[j]) / self._shares[:, j]
         return found
 
     def _smoothed(self, values: Array, width: float) -> Array:
@@ -343,7 +344,7 @@ class MachineReplay:
 
     def _measured(self) -> Array:
         log = self.log
-        holding, least = self._means(self._holds.astype(float)), np.where(self._smoothing > 0.0, _HALF, 1.0)
+        holding, least = self._means(self._holds.astype(float)), np.where(self.smoothing > 0.0, _HALF, 1.0)
         inputs = np.where(holding >= least - 1e-9, self._means(log.inputs), np.nan)
         places = np.full((log.blocks, len(self.parts.joints)), np.nan)
         rows = kernels.window_rows(self._windows, log.size)
@@ -358,7 +359,7 @@ class MachineReplay:
         """
         log = self.log
         found = np.zeros(log.valid.shape, bool)
-        for j in np.flatnonzero(self._smoothing > 0.0):
+        for j in np.flatnonzero(self.smoothing > 0.0):
             near = round(log.reach[j] / log.period)
             for first, last, _, _ in log.stretches:
                 part, speed = slice(int(first), int(last)), log.speed[first:last, j]
