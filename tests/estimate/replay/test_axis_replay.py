@@ -18,6 +18,7 @@ from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import KNOTS, Setting
 from omnimj.estimate.replay.mjcf.axis import axis_replay
+from omnimj.estimate.replay.mjcf.kernels import free_windows, rigid_forces
 from omnimj.estimate.replay.problem import Problem, fit
 from omnimj.parameters import read_axis
 from omnimj.recording.dataset import Dataset, Run
@@ -222,7 +223,7 @@ def test_the_menu_can_be_driven_and_a_load_parts_slope_from_offset():
     parting = {}
     for experiment in found.candidate_experiments():
         one, other = found.predict(rivals, experiment)
-        assert np.isfinite(one[:, 0]).all() and np.isnan(one[:, 1:]).all()  # nothing but what the motion needs
+        assert np.isfinite(one[:, 0]).all() and np.isnan(one[:, 1:]).all()  # inputs alone
         parting[experiment.name] = float(np.abs(other - one)[:, 0].mean())
     loaded = [p for name, p in parting.items() if name.endswith("loaded")]
     assert len(parting) == 2 * len(loaded) == 8  # every motion bare and loaded
@@ -285,3 +286,9 @@ def test_a_log_without_force_or_too_short_is_refused():
     short = Run("short", {k: v[:200] for k, v in run.columns.items()}, {}, {})
     with pytest.raises(InputError, match="no run is long enough"):
         replay_of([short])
+
+
+def test_the_kernels_are_compiled_once():
+    for found in (replay_of(logs(velocity=True)), replay_of(logs(current=True))):
+        found.simulate([nominal(found)])
+    assert len(free_windows.signatures) == len(rigid_forces.signatures) == 1

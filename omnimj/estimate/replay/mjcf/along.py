@@ -162,9 +162,10 @@ class Dynamics:
         """
         on_motor, on_link = laws.joints.copy(), laws.joints.copy()
         on_motor[self._on_link, PLAY] = on_link[~self._on_link, PLAY] = 0.0
-        play = links_behind_play(on_motor, self._log, plain, rigid, self._inertias(laws, plain, rigid, PLAY))
+        inertia = self._inertias(laws, plain, rigid, PLAY)
+        play = links_behind_play(on_motor, self._log, plain, rigid, inertia)
         if commands is not None:
-            motors_before_play(on_link, self._log, play, (commands, *plain))
+            motors_before_play(on_link, self._log, play, (commands, *plain, rigid, inertia))
         return play
 
     def _motor_shares(self, laws: Laws, motor: tuple[Array, ...], rigid: Array) -> Array:

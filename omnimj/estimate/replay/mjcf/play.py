@@ -78,7 +78,8 @@ def motors_before_play(joints: Array, log: MachineLog, play: Play, motion: tuple
       joints: Laws of these joints, shape (j, LAW); without play for the others.
       log: Its stretches and filters.
       play: Links behind their play; the force of these motors is added.
-      motion: Effective inputs, position, speed and acceleration of the links, shape (n, j) each.
+      motion: Effective inputs, position, speed and acceleration of the links, rigid-body forces along it and
+        inertia of the links about their own joint, shape (n, j) each.
     """
     for j in np.flatnonzero(joints[:, PLAY] * joints[:, ARMATURE]):
         columns = [np.ascontiguousarray(c[:, j]) for c in motion]
@@ -92,12 +93,13 @@ def motors_before_play(joints: Array, log: MachineLog, play: Play, motion: tuple
 
 
 @kernel
-def follow_motors(law, stretches, h, enabled, commands, position, speed, acceleration, force):
+def follow_motors(law, stretches, h, enabled, commands, position, speed, acceleration, rigid, inertia, force):
     """Follow the motor of one joint before its play along the measured motion of its link.
 
     In contact it gives the link its drive force F − J q̈, and leaves it where this changes its sign. What it
     takes beyond the link's motion, J q̈_m − J q̈, is F − J q̈ while it is alone; the blow at the end takes all
-    of this impulse back, since both have the same speed before and after.
+    of this impulse back, since both have the same speed before and after. Meanwhile the link moves under its
+    own forces: the measured motion, which is smoothed, shows the blow before it falls.
 
     Args:
       law: Law of the joint, shape (LAW,).
@@ -108,34 +110,48 @@ def follow_motors(law, stretches, h, enabled, commands, position, speed, acceler
       position: Position of the link, shape (n,).
       speed: Speed of the link, shape (n,).
       acceleration: Acceleration of the link, shape (n,).
+      rigid: Rigid-body force along the link's motion, shape (n,).
+      inertia: Inertia of the link, shape (n,).
       force: Filled with J q̈_m − J q̈, shape (n,) [N or N.m].
     """
     half = 0.5 * law[PLAY]
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
         side = _first_push(law, enabled, commands, position, speed, acceleration, first, last)
-        gap, motor, impulse, later = side * half, speed[first], 0.0, 0.0
+        gap, motor, link, impulse, later = side * half, speed[first], speed[first], 0.0, 0.0
         for k in range(first, last):
-            v = speed[k]
-            motor = v if side != 0.0 else motor
-            drive = drive_force(law, commands[k], position[k], motor) if enabled[k] else 0.0
-            given = drive - law[ARMATURE] * acceleration[k]
+            if side != 0.0:
+                motor = link = speed[k]
             force[k], later = later, 0.0
-            if side * given < 0.0:
+            if k + 1 == last:
+                break
+            # forces are those between the rows: a row late, a gap that grows with t³ is much too small
+            place, change = (
+                0.5 * (position[k] + position[k + 1]),
+                0.5 * (acceleration[k] + acceleration[k + 1]),
+            )
+            command = 0.5 * (commands[k] + commands[k + 1])
+            drive = drive_force(law, command, place, motor) if enabled[k] else 0.0
+            if side * (drive - law[ARMATURE] * change) < 0.0:
                 side = 0.0
-            if side == 0.0 and k + 1 < last:
-                force[k] += given
-                impulse += given
+            if side == 0.0:
+                pull = 0.5 * (rigid[k] + rigid[k + 1]) - inertia[k] * change
+                coasting = _alone(law, place, link, pull, inertia[k], h)
+                beyond = drive - law[ARMATURE] * (coasting - link) / h
+                force[k] += 0.5 * beyond
+                later = 0.5 * beyond
+                impulse += beyond
                 after = motor + h * drive / law[ARMATURE]
-                moved = 0.5 * h * (motor + after - v - speed[k + 1])
+                moved = 0.5 * h * (motor + after - link - coasting)
                 if abs(gap + moved) >= half:  # they meet between the rows, which share the blow by its time
                     side = 1.0 if gap + moved > 0.0 else -1.0
                     share = (side * half - gap) / moved if moved != 0.0 else 0.0
                     force[k] -= (1.0 - share) * impulse
-                    later, impulse = -share * impulse, 0.0
+                    later -= share * impulse
+                    impulse = 0.0
                     moved = side * half - gap
                 gap += moved
-                motor = after
+                motor, link = after, coasting
 
 
 @kernel

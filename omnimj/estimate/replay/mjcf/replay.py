@@ -110,7 +110,7 @@ class MachineReplay:
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
         self.smoothing = self._smoothing_of(nominal)
-        """Width σ of the filter of each joint's missing force, shape (j,) [rows]; 0 without a measured force."""
+        """Width σ of the filter of each joint's missing force, shape (j,) [rows]; 0: none was measured."""
         self._holds = log.valid & ~self._turning()
         self._shares = np.ones(log.valid.shape)
         for j in np.flatnonzero(self.smoothing > 0.0):
