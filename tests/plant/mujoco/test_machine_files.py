@@ -125,7 +125,7 @@ def test_a_constraint_that_is_switched_off_and_a_springy_tendon_are_no_hindrance
         ("[more]", "unknown table 'more'"),
         ('[sensors]\non_link = ["k"]', "unknown joint 'k'"),
         ('[sensors]\non_link = "j"', "must be a list of joints"),
-        ('[sensors]\non_motor = ["j"]', "unknown key 'non_motor'"),
+        ('[sensors]\non_motor = ["j"]', "unknown key 'on_motor'"),
         ('[effects.coulomb]\njoint = "k"\nforce = { value = 1.0, unit = "N.m", source = "chosen" }', "'k'"),
         ('[effects.coulomb]\njoint = "j"\nforce = { value = 1.0, unit = "N", source = "chosen" }', "'N.m'"),
         ('[effects.coulomb]\nforce = { value = 1.0, unit = "N.m", source = "chosen" }', "joint"),
