@@ -25,6 +25,7 @@ from omnimj.effects.effect import (
 from omnimj.effects.machine import (
     apply_effects,
     check_effects,
+    collect_changes,
     complete_values,
     parse_effect,
     with_effects,
@@ -49,6 +50,7 @@ __all__ = [
     "apply_effects",
     "base_name",
     "check_effects",
+    "collect_changes",
     "complete_values",
     "effects_of",
     "find_effect",

@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from omnimj.effects import catalogue
+from omnimj.effects.axis import part_values
 from omnimj.effects.catalogue import base_name, find_effect
 from omnimj.effects.effect import MOST_WHEELS, AppliedEffects, Effect, MachineChanges
+from omnimj.effects.parts import PartChanges
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Axis, Rig, Robot
 
@@ -101,7 +103,7 @@ def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> 
         effect = find_effect(name, machine.plant, "effects")
         full[name] = complete_values(effect, values, place, wheels=machine.wheel_count)
     changed = dataclasses.replace(machine, effects=full)
-    apply_effects(changed)  # refuses effects that exclude each other
+    collect_changes(changed)  # refuses effects that exclude each other
     return changed
 
 
@@ -123,7 +125,7 @@ def with_further_effects(machine: Machine, effects: Sequence[tuple[str, Mapping[
     return with_effects(machine, added)
 
 
-def apply_effects(machine: Robot | Rig | Axis) -> AppliedEffects:
+def apply_effects(machine: Robot | Rig) -> AppliedEffects:
     """Apply a machine's effects to its constants, for plants and for replay.
 
     Raises:
@@ -131,7 +133,20 @@ def apply_effects(machine: Robot | Rig | Axis) -> AppliedEffects:
         message names the machine's file.
       UnknownNameError: An unknown effect, parameter or choice.
     """
-    changes = MachineChanges(machine)
+    return collect_changes(machine).finish()
+
+
+def collect_changes(machine: Robot | Rig | Axis) -> Any:
+    """Collect the changes of a machine's effects: those of the parts of its MJCF file for an axis.
+
+    Returns:
+      `PartChanges` for an axis, otherwise `MachineChanges`.
+
+    Raises:
+      InputError: As `apply_effects`.
+      UnknownNameError: As `apply_effects`.
+    """
+    changes = PartChanges(part_values(machine)) if isinstance(machine, Axis) else MachineChanges(machine)
     for name, given in machine.effects.items():
         place = f"{machine.file}: effects.{name}"
         effect = find_effect(name, machine.plant, f"{machine.file}: effects")
@@ -141,7 +156,7 @@ def apply_effects(machine: Robot | Rig | Axis) -> AppliedEffects:
                 hook(changes, values)
             except InputError as error:
                 raise InputError(place, str(error)) from None
-    return changes.finish()
+    return changes
 
 
 def check_effects(machine: Robot | Rig | Axis) -> None:
@@ -152,7 +167,7 @@ def check_effects(machine: Robot | Rig | Axis) -> None:
         effect and parameter.
       UnknownNameError: An unknown effect, parameter or choice.
     """
-    apply_effects(machine)
+    collect_changes(machine)
     for name, given in machine.effects.items():
         for parameter in find_effect(name, machine.plant, machine.file).parameters:
             origin = machine.provenance.get(f"effects.{name}.{parameter.name}")

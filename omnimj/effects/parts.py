@@ -53,7 +53,9 @@ Part = tuple[str, str, str]
 class PartChanges:
     """Collector of the changes that the effects of an MJCF machine make."""
 
-    def __init__(self) -> None:
+    def __init__(self, values: Mapping[Part, float]) -> None:
+        self.values = values
+        """Values of the machine's quantities before any change."""
         self.added: dict[Part, float] = {}
         """Amounts added to quantities that MJCF has."""
         self.scales: dict[Part, float] = {}

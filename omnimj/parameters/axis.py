@@ -58,50 +58,6 @@ class AxisSensors:
 
 
 @dataclass(frozen=True)
-class AxisExtras:
-    """Physics beyond the usual model of an axis; set by effects only, without a table in model files."""
-
-    asymmetric_coulomb: float = 0.0
-    """Coulomb friction when moving forward minus that when moving backward [N]."""
-    asymmetric_viscous: float = 0.0
-    """Viscous friction when moving forward minus that when moving backward [N.s/m]."""
-    stribeck_force: float = 0.0
-    """Additional dry friction at standstill [N]."""
-    stribeck_velocity: float = 0.01
-    """Speed at which 37 % of the Stribeck force remain [m/s]."""
-    place_force: float = 0.0
-    """Largest additional dry friction around one position [N]."""
-    place: float = 0.0
-    """Position of the largest additional friction [m]."""
-    place_width: float = 0.03
-    """Width of the additional friction along the guide, as a standard deviation [m]."""
-    offset: float = 0.0
-    """Constant force [N]."""
-    slope: float = 0.0
-    """Inclination of the guide, upward [rad]."""
-    cable_stiffness: float = 0.0
-    """Stiffness of the cable [N/m]."""
-    cable_rest: float = 0.0
-    """Position at which the cable exerts no force [m]."""
-    air: float = 0.0
-    """Air drag per squared speed [N.s2/m2]."""
-    force_scale: float = 1.0
-    """Ratio of true to declared force of the drive."""
-    play: float = 0.0
-    """Dead zone between drive and carriage [m]."""
-    position_scale: float = 1.0
-    """Ratio of reading to true value; likewise the next two."""
-    velocity_scale: float = 1.0
-    monitor_scale: float = 1.0
-    monitor_bias: float = 0.0
-    """Offset of the force monitor [N]."""
-    position_delay: float = 0.0
-    """Delay of the reading [s]; likewise the next two."""
-    velocity_delay: float = 0.0
-    force_delay: float = 0.0
-
-
-@dataclass(frozen=True)
 class Axis:
     """All constants of a linear axis."""
 
@@ -117,8 +73,6 @@ class Axis:
     """Model file from which these constants were read."""
     effects: EffectValues = field(default_factory=dict)
     """Effects added to the model, with names and parameters as in `omnimj.effects`."""
-    extras: AxisExtras = field(default_factory=AxisExtras)
-    """Combined effects, set by `omnimj.effects.apply_effects`; neutral in an axis read from a file."""
 
 
 def read_axis(path: Path | None = None) -> Axis:

@@ -1,112 +1,51 @@
 """Carriage on a guide, driven by a force: one mass, or drive and carriage with play between them.
 
-  m v' = k F − D(v) − b(v) v − c v |v| + F_0 − m g sin(slope) − K (x − x_0) + free curve
+  m v' = k F − D(v) − b(v) v − c v |v| + F_0 − K (x − x_0)
 D is dry friction, set-valued at rest; D and b may depend on the direction, and D may grow near standstill and
 at one place on the guide. With play the drive's share of the mass crosses the gap alone and lands without
 rebound; dry and viscous friction act on the carriage.
 
-Kernels take the axis as a row of numbers, whose columns effects change. A free curve is a table over one
-variable.
+Kernels take the axis as a row of numbers, whose columns effects change.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
-import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from omnimj.parameters.axis import Axis
 from omnimj.physics.motor import stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.planar import GRAVITY
-from omnimj.signals import Array
 
 # the machine. MASS: all that moves, payload included; DRIVE_MASS: its share before the play; LOOP: lag of the
 # amplifier; ENCODER: 1 where the position is taken at the drive, 0 at the carriage
 MASS, DRIVE_MASS, COULOMB, VISCOUS, LIMIT, LOOP, ENCODER = range(7)
-# what a model may lack, in the order of `AxisExtras`; sensors: reading = scale × true + bias, a time later
+# what a model may lack, from `plant.axis.axis_row`; sensors: reading = scale × true + bias, later
 ASYMMETRIC_COULOMB, ASYMMETRIC_VISCOUS, STRIBECK_FORCE, STRIBECK_VELOCITY = range(7, 11)
-PLACE_FORCE, PLACE, PLACE_WIDTH, OFFSET, SLOPE, CABLE_STIFFNESS, CABLE_REST, AIR = range(11, 19)
-FORCE_SCALE, PLAY, POSITION_SCALE, VELOCITY_SCALE, MONITOR_SCALE, MONITOR_BIAS = range(19, 25)
-POSITION_DELAY, VELOCITY_DELAY, FORCE_DELAY = range(25, 28)
-AXIS_ROW = 28
+PLACE_FORCE, PLACE, PLACE_WIDTH, OFFSET, CABLE_STIFFNESS, CABLE_REST, AIR = range(11, 18)
+FORCE_SCALE, PLAY, POSITION_SCALE, VELOCITY_SCALE, MONITOR_SCALE, MONITOR_BIAS = range(18, 24)
+POSITION_DELAY, VELOCITY_DELAY, FORCE_DELAY = range(24, 27)
+AXIS_ROW = 27
 
 # state of the axis
 POSITION, SPEED, GAP, DRIVE_SPEED, CHANGE = range(5)
 """Carriage position and speed; drive − carriage, within ± half the play; drive speed; last speed change."""
 AXIS_STATE = 5
 
-# a free curve: what it is laid over, the range of its knots, then the force at each knot
-NO_CURVE, OVER_SPEED, OVER_POSITION, OVER_TIME, DRY_OVER_POSITION, DRY_OVER_TIME = range(6)
-KIND, FIRST_KNOT, LAST_KNOT, KNOT = range(4)
-CURVE_ROW = KNOT + 8
 
-
-def axis_row(axis: Axis, payload: float = 0.0) -> Array:
-    """Constants of an axis in the order of the kernels, shape (AXIS_ROW,).
-
-    Args:
-      axis: The axis.
-      payload: Additional mass during a run [kg].
-    """
-    row = np.zeros(AXIS_ROW)
-    body = axis.axis
-    row[MASS] = body.mass + payload
-    row[DRIVE_MASS] = min(body.drive_mass, 0.9 * row[MASS])  # whatever an effect takes off the carriage
-    row[COULOMB], row[VISCOUS], row[LIMIT] = body.coulomb, body.viscous, body.force_limit
-    row[LOOP], row[ENCODER] = body.force_loop, axis.sensors.encoder_at_drive
-    row[ASYMMETRIC_COULOMB:] = dataclasses.astuple(axis.extras)
-    return row
-
-
-def no_curve() -> Array:
-    """Free curve that adds no force, shape (CURVE_ROW,)."""
-    return np.zeros(CURVE_ROW)
+@kernel
+def frozen(row):
+    """Convert to a tuple, with which the kernels below are six times as fast as with an array."""
+    return to_fixed_tuple(row, AXIS_ROW)  # type: ignore[reportCallIssue]
 
 
 @kernel
-def frozen(row, curve):
-    """Convert both to tuples, with which the kernels below are six times as fast as with arrays."""
-    return to_fixed_tuple(row, AXIS_ROW), to_fixed_tuple(curve, CURVE_ROW)  # type: ignore[reportCallIssue]
-
-
-@kernel
-def on_curve(curve, at):
-    """Linear interpolation of a curve between its knots, constant beyond them [N]."""
-    last = CURVE_ROW - KNOT - 1
-    place = (at - curve[FIRST_KNOT]) / (curve[LAST_KNOT] - curve[FIRST_KNOT]) * last
-    place = min(max(place, 0.0), float(last))
-    below = min(int(place), last - 1)
-    share = place - below
-    return (1.0 - share) * curve[KNOT + below] + share * curve[KNOT + below + 1]
-
-
-@kernel
-def curve_force(curve, position, speed, time):
-    """Force and dry friction added by a curve [N, N]."""
-    kind = curve[KIND]
-    if kind == NO_CURVE:
-        return 0.0, 0.0
-    if kind == OVER_SPEED:
-        return on_curve(curve, speed), 0.0
-    if kind == OVER_POSITION:
-        return on_curve(curve, position), 0.0
-    if kind == OVER_TIME:
-        return on_curve(curve, time), 0.0
-    if kind == DRY_OVER_POSITION:
-        return 0.0, on_curve(curve, position)
-    return 0.0, on_curve(curve, time)
-
-
-@kernel
-def dry_friction(row, position, speed, extra):
+def dry_friction(row, position, speed):
     """Dry friction in forward and in backward motion, both ≥ 0 [N].
 
     D± = C ± ΔC/2 + S exp(−(v/v_s)²) + P exp(−((x − x_P)/w)²/2)
     """
-    dry = row[COULOMB] + extra
+    dry = row[COULOMB]
     if row[STRIBECK_FORCE] != 0.0:
         dry += row[STRIBECK_FORCE] * math.exp(-((speed / row[STRIBECK_VELOCITY]) ** 2))
     if row[PLACE_FORCE] != 0.0:
@@ -126,36 +65,30 @@ def damping(row, speed):
 @kernel
 def steady_force(row, position):
     """Sum of the forces on the carriage that do not depend on its speed [N]."""
-    force = row[OFFSET] - row[CABLE_STIFFNESS] * (position - row[CABLE_REST])
-    if row[SLOPE] != 0.0:
-        force -= row[MASS] * GRAVITY * math.sin(row[SLOPE])
-    return force
+    return row[OFFSET] - row[CABLE_STIFFNESS] * (position - row[CABLE_REST])
 
 
 @kernel
-def next_speed(row, curve, mass, push, position, speed, change, time, h):
+def next_speed(row, mass, push, position, speed, change, h):
     """Speed of a carriage of this mass after h seconds [m/s].
 
     Viscous friction by the midpoint rule, the other forces at the predicted middle of the step. Where the
     carriage comes to rest within the step, dry friction holds it or releases it for the rest of the step.
 
     Args:
-      row: `axis_row` with effects, as a tuple (see `frozen`).
-      curve: Free curve or `no_curve`, as a tuple (see `frozen`).
+      row: `plant.axis.axis_row`, as a tuple (see `frozen`).
       mass: Moving mass [kg].
       push: Force of the drive on the carriage [N].
       position: Position before the step [m].
       speed: Speed before the step [m/s].
       change: Change of speed in the previous step [m/s].
-      time: Time at the start of the step [s].
       h: Step [s].
     """
     x, v = position + 0.5 * h * speed, speed + 0.5 * change
     if v * speed <= 0.0:  # it rests or may stop before: friction of the speed that it has
         v = speed
-    added, extra = curve_force(curve, x, v, time + 0.5 * h)
-    other = push + steady_force(row, x) + added
-    forward, backward = dry_friction(row, x, v, extra)
+    other = push + steady_force(row, x)
+    forward, backward = dry_friction(row, x, v)
     rest, half = h, 0.5 * h * damping(row, v)
     if speed != 0.0:
         impulse = h * (other - forward) if speed > 0.0 else h * (other + backward)
@@ -168,41 +101,36 @@ def next_speed(row, curve, mass, push, position, speed, change, time, h):
 
 
 @kernel
-def step(row, curve, state, force, nudge, time, h):
+def step(row, state, force, h):
     """State after a step of h seconds.
 
     Args:
-      row: `axis_row` with effects, as a tuple (see `frozen`).
-      curve: Free curve or `no_curve`, as a tuple (see `frozen`).
+      row: `plant.axis.axis_row`, as a tuple (see `frozen`).
       state: Tuple of AXIS_STATE numbers.
       force: Mean declared force of the drive over the step [N].
-      nudge: Additional force on the body that carries the encoder [N].
-      time: Time at the start of the step [s].
       h: Step [s].
     """
     if row[PLAY] > 0.0 and row[DRIVE_MASS] > 0.0:
-        return _step_with_play(row, curve, state, force, nudge, time, h)
+        return _step_with_play(row, state, force, h)
     x, v = state[POSITION], state[SPEED]
-    push = row[FORCE_SCALE] * force + nudge
-    after = next_speed(row, curve, row[MASS], push, x, v, state[CHANGE], time, h)
+    push = row[FORCE_SCALE] * force
+    after = next_speed(row, row[MASS], push, x, v, state[CHANGE], h)
     return x + 0.5 * h * (v + after), after, 0.0, after, after - v
 
 
 @kernel
-def _step_with_play(row, curve, state, force, nudge, time, h):
+def _step_with_play(row, state, force, h):
     x, v, before, drive_mass = state[POSITION], state[SPEED], state[CHANGE], row[DRIVE_MASS]
-    on_drive, on_carriage = row[FORCE_SCALE] * force, nudge
-    if row[ENCODER] == 1.0:
-        on_drive, on_carriage = on_drive + nudge, 0.0
+    on_drive = row[FORCE_SCALE] * force
     half = 0.5 * row[PLAY]
     gap = min(max(state[GAP], -half), half)
     side = 1.0 if gap >= half else (-1.0 if gap <= -half else 0.0)
     if side != 0.0:
-        after = next_speed(row, curve, row[MASS], on_drive + on_carriage, x, v, before, time, h)
+        after = next_speed(row, row[MASS], on_drive, x, v, before, h)
         if (on_drive - drive_mass * (after - v) / h) * side >= 0.0:  # drive and carriage press on each other
             return x + 0.5 * h * (v + after), after, gap, after, after - v
     carriage_mass = row[MASS] - drive_mass
-    after = next_speed(row, curve, carriage_mass, on_carriage, x, v, before, time, h)
+    after = next_speed(row, carriage_mass, 0.0, x, v, before, h)
     drive_speed = state[DRIVE_SPEED] if side == 0.0 else v
     drive_after = drive_speed + h * on_drive / drive_mass
     gap += 0.5 * h * (drive_speed + drive_after - v - after)

@@ -7,14 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.effects import apply_effects
+from omnimj.effects import ChannelEffect, collect_changes
+from omnimj.effects.axis import CARRIAGE, CHANNELS, DRIVE, GUIDE
+from omnimj.effects.parts import ACTUATOR, BODY, JOINT
 from omnimj.errors import InputError
 from omnimj.parameters.axis import Axis
+from omnimj.physics import axis as row_of
 from omnimj.physics.axis import (
+    AXIS_ROW,
+    COULOMB,
+    DRIVE_MASS,
     ENCODER,
     FORCE_DELAY,
+    FORCE_SCALE,
     LIMIT,
     LOOP,
+    MASS,
     MONITOR_BIAS,
     MONITOR_SCALE,
     PLAY,
@@ -22,14 +30,14 @@ from omnimj.physics.axis import (
     POSITION_SCALE,
     VELOCITY_DELAY,
     VELOCITY_SCALE,
-    axis_row,
+    VISCOUS,
     encoder_position,
     encoder_speed,
     frozen,
-    no_curve,
     step,
 )
 from omnimj.physics.native import kernel
+from omnimj.physics.planar import GRAVITY
 from omnimj.signals import Array
 
 POSITION_NOISE, POSITION_STEP, VELOCITY_NOISE, FORCE_NOISE, FORCE_STEP = range(5)
@@ -86,16 +94,14 @@ def read_sensors(row, sensors, truth, k, noise, period, reading):
 
 
 @kernel
-def one_period(row, curve, state, force, command, time, period, substeps):
+def one_period(row, state, force, command, period, substeps):
     """Advance the axis by one period under a commanded force, behind which the amplifier lags.
 
     Args:
       row: Packed constants of the axis, from `frozen`.
-      curve: Tabulated force, from `frozen`.
       state: State of the axis.
       force: Declared force of the drive at the beginning [N].
       command: Commanded force, held for the period [N].
-      time: Time at the beginning [s].
       period: Duration [s].
       substeps: Number of integration steps.
 
@@ -105,10 +111,10 @@ def one_period(row, curve, state, force, command, time, period, substeps):
     h = period / substeps
     target = min(max(command, -row[LIMIT]), row[LIMIT])
     keep = math.exp(-h / row[LOOP]) if row[LOOP] > 0.0 else 0.0
-    for s in range(substeps):
+    for _ in range(substeps):
         after = target + (force - target) * keep
         mean = target + (force - after) * row[LOOP] / h
-        state = step(row, curve, state, mean, 0.0, time + s * h, h)
+        state = step(row, state, mean, h)
         force = after
     return state, force
 
@@ -121,12 +127,11 @@ def at_rest(row, position):
 
 
 @kernel
-def follow_target(row, curve, target, gains, sensors, noise, period, substeps, columns):
+def follow_target(row, target, gains, sensors, noise, period, substeps, columns):
     """Simulate one run under position control.
 
     Args:
       row: Packed constants of the axis with effects, from `axis_row`.
-      curve: Tabulated force; `no_curve()` for none.
       target: Position [m], speed [m/s], acceleration [m/s²] at every sample, shape (n, 3).
       gains: Packed constants of the controller, `AxisController.row`.
       sensors: Packed constants of the sensors, from `sensor_row`.
@@ -137,7 +142,7 @@ def follow_target(row, curve, target, gains, sensors, noise, period, substeps, c
         shape (n, COLUMNS).
     """
     reading = np.zeros(3)
-    numbers, table = frozen(row, curve)
+    numbers = frozen(row)
     state = at_rest(numbers, target[0, 0] / row[POSITION_SCALE])
     truth = columns[:, READ_VELOCITY + 1 :]
     share = 1.0 - math.exp(-period / gains[SPEED_FILTER]) if gains[SPEED_FILTER] > 0.0 else 1.0
@@ -154,13 +159,57 @@ def follow_target(row, curve, target, gains, sensors, noise, period, substeps, c
         command = gains[FEED_MASS] * target[k, 2] + gains[FEED_VISCOUS] * v
         command += gains[FEED_COULOMB] * math.tanh(v / gains[FEED_SPEED])
         command += gains[STIFFNESS] * (target[k, 0] - last) + gains[GAIN] * (v - speed)
-        state, force = one_period(numbers, table, state, force, command, k * period, period, substeps)
+        state, force = one_period(numbers, state, force, command, period, substeps)
 
 
 # Plant and controller around the kernels above.
 
 SUBSTEPS = 2
 """Number of integration steps per 1 ms of a period."""
+
+
+_TERMS = {
+    "asymmetric_coulomb": row_of.ASYMMETRIC_COULOMB,
+    "asymmetric_viscous": row_of.ASYMMETRIC_VISCOUS,
+    "stribeck_force": row_of.STRIBECK_FORCE,
+    "stribeck_velocity": row_of.STRIBECK_VELOCITY,
+    "place_force": row_of.PLACE_FORCE,
+    "place_position": row_of.PLACE,
+    "place_width": row_of.PLACE_WIDTH,
+    "offset": row_of.OFFSET,
+    "spring": row_of.CABLE_STIFFNESS,
+    "spring_rest": row_of.CABLE_REST,
+    "drag": row_of.AIR,
+    "play": PLAY,
+}
+_LEAST_MASS = 0.1  # of the declared one, whatever an effect takes off
+
+
+def axis_row(axis: Axis, payload: float = 0.0) -> Array:
+    """Constants of an axis with its effects in the order of the kernels, shape (AXIS_ROW,).
+
+    Args:
+      axis: The axis.
+      payload: Additional mass during a run [kg].
+    """
+    row, body, changes = np.zeros(AXIS_ROW), axis.axis, collect_changes(axis)
+    added = changes.added.get
+    row[MASS] = max(body.mass + added((BODY, CARRIAGE, "mass"), 0.0), _LEAST_MASS * body.mass) + payload
+    row[DRIVE_MASS] = min(body.drive_mass, 0.9 * row[MASS])
+    row[COULOMB] = max(body.coulomb + added((JOINT, GUIDE, "frictionloss"), 0.0), 0.0)
+    row[VISCOUS] = max(body.viscous + added((JOINT, GUIDE, "damping"), 0.0), 0.0)
+    row[LIMIT], row[LOOP], row[ENCODER] = body.force_limit, body.force_loop, axis.sensors.encoder_at_drive
+    for name, column in _TERMS.items():
+        row[column] = changes.terms.get((JOINT, GUIDE, name), 0.0)
+    row[row_of.OFFSET] -= (row[MASS] - body.drive_mass) * GRAVITY * math.sin(changes.tilt.get("y", 0.0))
+    row[FORCE_SCALE] = changes.scales.get((ACTUATOR, DRIVE, "gain"), 1.0)
+    force, position, velocity = (
+        changes.channels.get(CHANNELS[name], ChannelEffect()) for name in ("force", "position", "velocity")
+    )
+    row[[MONITOR_SCALE, MONITOR_BIAS, FORCE_DELAY]] = force
+    row[[POSITION_SCALE, POSITION_DELAY]] = position.scale, position.delay
+    row[[VELOCITY_SCALE, VELOCITY_DELAY]] = velocity.scale, velocity.delay
+    return row
 
 
 _FAR = 1e3  # travels: nothing that is held gets there
@@ -249,10 +298,10 @@ def drive_axis(
       InputError: The motion diverges, since the controller does not stabilize the axis.
     """
     period = 1.0 / axis.sensors.sample_rate
-    row = axis_row(apply_effects(axis).machine, payload)
+    row = axis_row(axis, payload)
     columns = np.empty((len(target), COLUMNS))
     numbers = (controller.row, sensor_row(axis, ideal_sensors), axis_noise(seed, len(target)))
-    follow_target(row, no_curve(), np.asarray(target, float), *numbers, period, substeps_of(period), columns)
+    follow_target(row, np.asarray(target, float), *numbers, period, substeps_of(period), columns)
     if not (np.abs(columns[:, TRUE_POSITION]) < _FAR * axis.axis.travel).all():
         raise InputError("controller", "does not hold this axis", "softer gains are needed")
     found: dict[str, Array] = {"time": np.arange(float(len(target))) * period}

@@ -11,50 +11,43 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from omnimj.effects import with_effects
 from omnimj.parameters import read_axis
-from omnimj.parameters.axis import AxisExtras
 from omnimj.physics.axis import (
     AXIS_ROW,
     AXIS_STATE,
-    CURVE_ROW,
     DRIVE_SPEED,
-    DRY_OVER_POSITION,
     FORCE_SCALE,
     GAP,
-    KIND,
-    KNOT,
-    LAST_KNOT,
     MASS,
-    OVER_SPEED,
     POSITION,
     SPEED,
-    axis_row,
     damping,
     dry_friction,
     frozen,
-    no_curve,
     steady_force,
     step,
 )
+from omnimj.plant.axis import axis_row
 
 AXIS = read_axis()
 REST = (0.0,) * AXIS_STATE
 
 
-def with_extras(**entries):
-    return dataclasses.replace(AXIS, extras=AxisExtras(**entries))
+def with_extras(**effects):
+    return with_effects(AXIS, effects)
 
 
 def with_body(axis=AXIS, **entries):
     return dataclasses.replace(axis, axis=dataclasses.replace(axis.axis, **entries))
 
 
-def run(axis, force, duration, h=1e-3, start=REST, curve=None):
-    row, table = frozen(axis_row(axis), no_curve() if curve is None else curve)
+def run(axis, force, duration, h=1e-3, start=REST):
+    row = frozen(axis_row(axis))
     states = [start]
     for k in range(round(duration / h)):
         push = force((k + 0.5) * h) if callable(force) else force
-        states.append(step(row, table, states[-1], push, 0.0, k * h, h))
+        states.append(step(row, states[-1], push, h))
     return np.array(states)
 
 
@@ -63,7 +56,6 @@ def test_the_row_holds_body_and_extras():
     assert row.shape == (AXIS_ROW,)
     assert np.isfinite(row).all()
     assert row[MASS] == AXIS.axis.mass + 5.0
-    assert no_curve().shape == (CURVE_ROW,)
 
 
 def test_an_axis_without_friction_obeys_newtons_law():
@@ -95,21 +87,21 @@ def test_a_coasting_carriage_stops_where_its_energy_is_spent_and_stays():
 
 
 EXTRAS = {
-    "asymmetric_viscous": {"asymmetric_viscous": 80.0},
-    "asymmetric_coulomb": {"asymmetric_coulomb": 8.0},
-    "stribeck": {"stribeck_force": 8.0, "stribeck_velocity": 0.03},
-    "place": {"place_force": 10.0, "place": 0.03, "place_width": 0.01},
-    "offset": {"offset": -4.0},
-    "slope": {"slope": 0.01},
-    "cable": {"cable_stiffness": 60.0, "cable_rest": 0.05},
-    "air": {"air": 150.0},
-    "force_scale": {"force_scale": 0.9},
+    "asymmetric_viscous": {"difference": 80.0},
+    "asymmetric_coulomb": {"difference": 8.0},
+    "stribeck": {"force": 8.0, "velocity": 0.03},
+    "position_friction": {"force": 10.0, "position": 0.03, "width": 0.01},
+    "force_offset": {"force": -4.0},
+    "grade": {"slope": 0.01},
+    "cable_drag": {"stiffness": 60.0, "rest_position": 0.05},
+    "air_drag": {"coefficient": 150.0},
+    "force_scale": {"scale": 0.9},
 }
 
 
 def derivative(row, position, speed, force, smoothing):
     """Acceleration without play, sign(v) as tanh(v/smoothing)."""
-    forward, backward = dry_friction(row, position, speed, 0.0)
+    forward, backward = dry_friction(row, position, speed)
     direction = math.tanh(speed / smoothing)
     dry = 0.5 * ((1.0 + direction) * forward - (1.0 - direction) * backward)
     push = row[FORCE_SCALE] * force + steady_force(row, position)
@@ -129,7 +121,7 @@ def smooth_position(axis, force, t, smoothing):
 
 @pytest.mark.parametrize("name", ["plain", *EXTRAS])
 def test_each_term_agrees_with_an_ode_solver(name, measured):
-    axis = with_extras(**EXTRAS.get(name, {}))
+    axis = with_extras(**{name: EXTRAS[name]}) if name in EXTRAS else AXIS
 
     def force(time):
         return 90.0 * math.sin(2.0 * math.pi * 0.9 * time)
@@ -159,16 +151,21 @@ pushes, speeds, places = st.floats(-200.0, 200.0), st.floats(-0.5, 0.5), st.floa
 
 @given(pushes, speeds, places)
 def test_mirrored_motion_is_the_mirror_of_the_motion(push, speed, place):
-    row, table = frozen(axis_row(with_extras(stribeck_force=5.0, air=50.0, cable_stiffness=20.0)), no_curve())
-    one = step(row, table, (place, speed, 0.0, speed, 0.0), push, 0.0, 0.0, 1e-3)
-    other = step(row, table, (-place, -speed, 0.0, -speed, 0.0), -push, 0.0, 0.0, 1e-3)
+    extras = {
+        "stribeck": {"force": 5.0},
+        "air_drag": {"coefficient": 50.0},
+        "cable_drag": {"stiffness": 20.0},
+    }
+    row = frozen(axis_row(with_extras(**extras)))
+    one = step(row, (place, speed, 0.0, speed, 0.0), push, 1e-3)
+    other = step(row, (-place, -speed, 0.0, -speed, 0.0), -push, 1e-3)
     assert np.allclose(one, -np.array(other), rtol=0.0, atol=1e-15)
 
 
 @given(speeds, places)
 def test_friction_takes_energy(speed, place):
-    row, table = frozen(axis_row(with_extras(stribeck_force=5.0, place_force=5.0)), no_curve())
-    after = step(row, table, (place, speed, 0.0, speed, 0.0), 0.0, 0.0, 0.0, 1e-3)
+    row = frozen(axis_row(with_extras(stribeck={"force": 5.0}, position_friction={"force": 5.0})))
+    after = step(row, (place, speed, 0.0, speed, 0.0), 0.0, 1e-3)
     assert abs(after[SPEED]) <= abs(speed)
     assert after[SPEED] * speed >= 0.0
 
@@ -176,15 +173,13 @@ def test_friction_takes_energy(speed, place):
 @given(pushes, speeds, st.floats(1.0, 200.0))
 def test_more_mass_accelerates_less(push, speed, added):
     state = (0.0, speed, 0.0, speed, 0.0)
-    curve = no_curve()
-    light, table = frozen(axis_row(AXIS), curve)
-    heavy, _ = frozen(axis_row(AXIS, added), curve)
-    a, b = (step(row, table, state, push, 0.0, 0.0, 1e-3)[SPEED] - speed for row in (light, heavy))
+    rows = frozen(axis_row(AXIS)), frozen(axis_row(AXIS, added))
+    a, b = (step(row, state, push, 1e-3)[SPEED] - speed for row in rows)
     assert abs(b) <= abs(a) + 1e-15
 
 
 def test_dry_friction_of_either_direction_never_drives():
-    axis = with_extras(asymmetric_coulomb=100.0)
+    axis = with_extras(asymmetric_coulomb={"difference": 100.0})
     assert not run(axis, 0.0, 0.5)[:, :2].any()
 
 
@@ -193,30 +188,13 @@ def test_an_offset_is_what_unequal_dry_friction_is():
     def force(time):
         return 70.0 * math.sin(5.0 * time)
 
-    one = run(with_extras(asymmetric_coulomb=6.0), force, 2.0)
-    other = run(with_extras(offset=-3.0), force, 2.0)
+    one = run(with_extras(asymmetric_coulomb={"difference": 6.0}), force, 2.0)
+    other = run(with_extras(force_offset={"force": -3.0}), force, 2.0)
     assert np.allclose(one[:, POSITION], other[:, POSITION], atol=1e-9)
 
 
-def test_a_curve_over_speed_is_viscous_friction_when_it_is_straight():
-    curve = no_curve()
-    curve[KIND], curve[1], curve[LAST_KNOT] = OVER_SPEED, -1.0, 1.0
-    curve[KNOT:] = np.linspace(50.0, -50.0, CURVE_ROW - KNOT)
-    one = run(AXIS, 60.0, 1.5, curve=curve)
-    other = run(with_body(viscous=250.0), 60.0, 1.5)
-    assert np.allclose(one[:, POSITION], other[:, POSITION], atol=1e-6)
-
-
-def test_a_dry_curve_that_is_level_is_coulomb_friction():
-    curve = no_curve()
-    curve[KIND], curve[1], curve[LAST_KNOT], curve[KNOT:] = DRY_OVER_POSITION, -1.0, 1.0, 7.0
-    one = run(AXIS, 60.0, 1.5, curve=curve)
-    other = run(with_body(coulomb=27.0), 60.0, 1.5)
-    assert np.array_equal(one, other)
-
-
 def test_with_play_the_drive_runs_ahead_alone_and_lands_with_the_common_momentum():
-    axis = with_extras(play=1e-3)
+    axis = with_extras(backlash={"angle": 1e-3})
     m, c = AXIS.axis.drive_mass, AXIS.axis.coulomb
     start = (0.0, 0.0, -0.5e-3, 0.0, 0.0)
     states = run(axis, c, 0.3, h=1e-4, start=start)
@@ -230,5 +208,5 @@ def test_with_play_the_drive_runs_ahead_alone_and_lands_with_the_common_momentum
 
 def test_without_reversal_play_changes_nothing():
     start = (0.0, 0.0, 1e-3, 0.0, 0.0)
-    one = run(with_extras(play=2e-3), 60.0, 1.0, start=start)
+    one = run(with_extras(backlash={"angle": 2e-3}), 60.0, 1.0, start=start)
     assert np.allclose(one[:, :2], run(AXIS, 60.0, 1.0)[:, :2], atol=1e-12)

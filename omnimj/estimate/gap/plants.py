@@ -94,7 +94,7 @@ def in_terms_of(dataset: Dataset, machine: Machine) -> Dataset:
     """
     if machine.plant == dataset.plant or machine.plant != MJCF:
         return dataset
-    from omnimj.estimate.replay.mjcf.axis_logs import as_machine_logs  # loads MuJoCo
+    from omnimj.estimate.replay.mjcf.axis import as_machine_logs  # loads MuJoCo
 
     return as_machine_logs(dataset, machine)
 
@@ -150,9 +150,9 @@ def _robot_replay(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -
 
 
 def _axis_replay(dataset: Dataset, axis: Axis, floors: Mapping[str, Floor]) -> Replay:
-    from omnimj.estimate.replay.axis.replay import AxisReplay
+    from omnimj.estimate.replay.mjcf.axis import axis_replay
 
-    return AxisReplay(axis, dataset.runs)
+    return axis_replay(dataset, axis)
 
 
 def _read_machine_file(path: Path | None) -> Any:

@@ -8,6 +8,9 @@ damping = { half_width = 0.02, unit = "N.m.s/rad" }   # the value is that of the
 joint = "elbow"
 force = { value = 0.1, unit = "N.m", source = "identified" }
 velocity = { value = 0.2, unit = "rad/s", source = "identified" }
+
+[sensors]
+on_link = ["elbow"]   # joints whose encoder is on the link: play lies before it
 ```
 """
 
@@ -15,13 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 
-from omnimj.effects import MJCF, complete_values, find_effect
+from omnimj.effects import AXIS, MJCF, complete_values, find_effect
 from omnimj.effects.effect import Effect
 from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, Part, PartChanges, joint_unit
 from omnimj.errors import InputError, UnknownNameError
@@ -40,6 +43,7 @@ from omnimj.plant.mujoco.quantities import (
     unit_of,
 )
 
+_TABLES = ("uncertain", "effects", "sensors")
 _KEYS = ("value", "half_width", "unit")
 _POSITIVE, _FINITE = Rule(0.0, math.inf, True), Rule(-math.inf, math.inf, False)
 _OBJECT = mujoco.mjtObj
@@ -68,18 +72,19 @@ class Uncertain:
     unit: str
     value: float
     half_width: float
+    label: str = ""
+    beyond: float = 0.0
+    """Constant by which the value exceeds that of the part: a total mass includes the armature."""
 
     @property
     def name(self) -> str:
-        """Name in messages and results: `elbow.damping`."""
-        return f"{self.part[1]}.{self.part[2]}"
+        """Name in messages and results: `elbow.damping`, unless it has a label."""
+        return self.label or f"{self.part[1]}.{self.part[2]}"
 
 
 @dataclass(frozen=True)
 class Machine:
     """Machine that an MJCF file describes: fixed base, hinges and slides, actuators on joints, sensors."""
-
-    plant: ClassVar[str] = MJCF
 
     file: Path
     """The MJCF file."""
@@ -91,6 +96,17 @@ class Machine:
     effects: EffectValues = field(default_factory=dict)
     provenance: Mapping[str, Provenance] = field(default_factory=dict)
     """`effects.NAME.PARAMETER` → unit and source."""
+    plant: str = MJCF
+    """Plant whose names the effects have."""
+    columns: tuple[str, ...] = ()
+    """Columns of the logs of an axis."""
+    encoders_on_links: tuple[str, ...] = ()
+    """Joints whose position is measured on the link, behind a play; that of the others on the motor."""
+
+    @property
+    def forces_are_declared(self) -> bool:
+        """True if a logged force is the command times the declared gain, False if it was measured."""
+        return self.plant == AXIS
 
     @property
     def facts(self) -> Path:
@@ -150,12 +166,15 @@ def read_machine_file(path: Path | None) -> Machine:
         return machine
     tree = read_toml(machine.facts)
     for key in tree:
-        if key not in ("uncertain", "effects"):
-            raise UnknownNameError(machine.facts, "table", key, ("uncertain", "effects"))
+        if key not in _TABLES:
+            raise UnknownNameError(machine.facts, "table", key, _TABLES)
     provenance: dict[str, Provenance] = {}
     effects = read_effects(tree, machine.facts, provenance)
     uncertain = tuple(_uncertain(machine, tree.get("uncertain", {})))
-    found = Machine(path, mj_model, drives, machine.values, uncertain, effects, provenance)
+    on_links = tuple(_on_links(machine, tree.get("sensors", {})))
+    found = replace(
+        machine, uncertain=uncertain, effects=effects, provenance=provenance, encoders_on_links=on_links
+    )
     apply_part_effects(found)
     return found
 
@@ -168,6 +187,20 @@ def _compile(path: Path) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(path, "is not an MJCF model", " ".join(str(error).split())) from None
+
+
+def _on_links(machine: Machine, tree: Any) -> Iterator[str]:
+    """Yield the joints of `[sensors] on_link`."""
+    place = f"{machine.facts}: sensors"
+    for key, names in check_table(place, tree).items():
+        if key != "on_link":
+            raise UnknownNameError(place, "key", key, ("on_link",))
+        if not isinstance(names, list):
+            raise InputError(f"{place}.{key}", f"found {names!r}", "must be a list of joints")
+        for name in names:
+            if name not in machine.joints:
+                raise UnknownNameError(f"{place}.{key}", JOINT, name, machine.joints)
+            yield name
 
 
 def _uncertain(machine: Machine, tree: Any):
@@ -215,10 +248,10 @@ def apply_part_effects(machine: Machine) -> PartChanges:
       InputError: An effect is incomplete, or a value or unit is wrong.
       UnknownNameError: An unknown effect, parameter or part.
     """
-    changes = PartChanges()
+    changes = PartChanges(machine.values)
     for name, given in machine.effects.items():
         place = f"{machine.facts}: effects.{name}"
-        effect = find_effect(name, MJCF, f"{machine.facts}: effects")
+        effect = find_effect(name, machine.plant, f"{machine.facts}: effects")
         values = complete_values(effect, given, place, partial=False)
         _require_parts(machine, effect, values, place)
         _require_units(machine, name, effect, values)

@@ -15,7 +15,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.mjcf.axis_logs import as_machine_logs
+from omnimj.estimate.replay.mjcf.axis import as_machine_logs
 from omnimj.estimate.replay.mjcf.kernels import shifted
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.estimate.replay.problem import Problem, fit

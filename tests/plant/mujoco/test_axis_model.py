@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from omnimj.parameters import read_axis
-from omnimj.physics.axis import POSITION, SPEED, axis_row, frozen, no_curve, step
+from omnimj.physics.axis import POSITION, SPEED, frozen, step
+from omnimj.plant.axis import axis_row
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.resources import models_folder
 
@@ -44,7 +45,7 @@ def test_mjcf_and_toml_are_uncertain_about_the_same():
 
 def test_mujoco_moves_the_axis_as_the_equations_do(mj_model, measured):
     mj_data = mujoco.MjData(mj_model)
-    row, curve = frozen(axis_row(AXIS), no_curve())
+    row = frozen(axis_row(AXIS))
     state = (0.0,) * 5
     carriage = mj_data.joint("carriage")
     errors = []
@@ -52,7 +53,7 @@ def test_mujoco_moves_the_axis_as_the_equations_do(mj_model, measured):
         force = 120.0 * math.sin(2.0 * math.pi * 0.8 * k * 1e-3) + (15.0 if k > 3000 else 0.0)
         mj_data.ctrl[0] = force / AXIS.axis.force_constant
         mujoco.mj_step(mj_model, mj_data)
-        state = step(row, curve, state, force, 0.0, k * 1e-3, 1e-3)
+        state = step(row, state, force, 1e-3)
         errors.append((carriage.qpos[0] - state[POSITION], carriage.qvel[0] - state[SPEED]))
     position, speed = np.abs(errors).max(axis=0)
     measured("axis, MuJoCo against equations [m]", position, 3e-4)

@@ -123,6 +123,9 @@ def test_a_constraint_that_is_switched_off_and_a_springy_tendon_are_no_hindrance
         ('[uncertain.joint.j]\ndamping = { half_width = 1.0, unit = "N" }', "the unit is 'N.m.s/rad'"),
         ('[uncertain.joint.j]\ndamping = { half_width = -1.0, unit = "N.m.s/rad" }', "half_width"),
         ("[more]", "unknown table 'more'"),
+        ('[sensors]\non_link = ["k"]', "unknown joint 'k'"),
+        ('[sensors]\non_link = "j"', "must be a list of joints"),
+        ('[sensors]\non_motor = ["j"]', "unknown key 'on_motor'"),
         ('[effects.coulomb]\njoint = "k"\nforce = { value = 1.0, unit = "N.m", source = "chosen" }', "'k'"),
         ('[effects.coulomb]\njoint = "j"\nforce = { value = 1.0, unit = "N", source = "chosen" }', "'N.m'"),
         ('[effects.coulomb]\nforce = { value = 1.0, unit = "N.m", source = "chosen" }', "joint"),
@@ -135,6 +138,13 @@ def test_wrong_entries_beside_the_file_give_one_line_with_the_choices(tmp_path, 
     with pytest.raises(InputError) as caught:
         read_machine_file(file)
     assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_an_encoder_is_on_the_motor_unless_it_is_said_to_be_on_the_link(tmp_path):
+    file = written(tmp_path)
+    assert read_machine_file(file).encoders_on_links == ()
+    file.with_suffix(".toml").write_text('[sensors]\non_link = ["j"]')
+    assert read_machine_file(file).encoders_on_links == ("j",)
 
 
 def test_a_file_that_is_missing_is_said_to_be(tmp_path):

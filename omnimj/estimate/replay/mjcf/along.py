@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import threading
 from collections.abc import Hashable, Mapping, Sequence
 
 import mujoco
@@ -23,15 +21,14 @@ from omnimj.estimate.replay.mjcf.kernels import (
     SPRING,
     SPRING_REST,
     VELOCITY_GAIN,
-    Simulation,
 )
 from omnimj.estimate.replay.mjcf.laws import Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog
-from omnimj.estimate.replay.mjcf.play import Play, links_behind_play
+from omnimj.estimate.replay.mjcf.play import Play, links_behind_play, motors_before_play
+from omnimj.estimate.replay.mjcf.remembered import Remembered
+from omnimj.estimate.replay.mjcf.rigid import RigidBodies, arrays_of
 from omnimj.estimate.replay.stretches import FIRST
 from omnimj.plant.mujoco.machine import Machine
-from omnimj.plant.mujoco.quantities import QUANTITIES, with_masses
-from omnimj.plant.mujoco.step import function_address
 from omnimj.signals import Array
 
 _KEPT = 64  # rigid-body forces along the motion that are remembered
@@ -90,15 +87,10 @@ class Dynamics:
           stated: Masses that a run states, for each stretch; those of the model everywhere when empty.
         """
         self._machine, self._log = machine, log
-        names = [mujoco.mj_name2id(machine.mj_model, mujoco.mjtObj.mjOBJ_SENSOR, s) for s in sensors]
-        self._sensors = np.array([machine.mj_model.sensor_adr[k] for k in names], np.int64)
-        self._loads: dict[tuple[tuple[Part, float], ...], list[slice]] = {}
-        for k, (first, last, _, _) in enumerate(log.stretches.tolist()):
-            load = tuple(sorted(stated[k].items())) if stated else ()
-            self._loads.setdefault(load, []).append(slice(first, last))
+        self._bodies = RigidBodies(machine, log.stretches.tolist(), sensors, stated)
+        self._on_link = np.array([name in machine.encoders_on_links for name in machine.joints])
         self._widths = [_deflection_width(log, j) for j in range(log.position.shape[1])]
-        self._known: dict[Hashable, Motion] = {}
-        self._lock = threading.Lock()
+        self._known: Remembered[Motion] = Remembered(_KEPT)
         substeps = max(1, int(np.ceil(log.period / max(machine.mj_model.opt.timestep, _STEP) - 1e-6)))
         self.substeps = substeps
         """Steps of MuJoCo per row."""
@@ -110,41 +102,43 @@ class Dynamics:
           laws: The machine under the setting.
           commands: Effective inputs, shape (n, j); None: springs are loaded by the links' motion alone.
         """
-        if not laws.joints[:, COMPLIANCE].any():
+        if not laws.joints[:, COMPLIANCE].any() and not laws.joints[self._on_link, PLAY].any():
             commands = None
-        key = self._key(laws), None if commands is None else hash((laws.joints.tobytes(), commands.tobytes()))
-        with self._lock:
-            if key in self._known:
-                return self._known[key]
-        found = self._along(laws, commands)
-        with self._lock:
-            while len(self._known) >= _KEPT:
-                del self._known[next(iter(self._known))]
-            self._known[key] = found
+        key = (
+            self._readings_of(laws),
+            self._key(laws),
+            None if commands is None else hash((laws.joints.tobytes(), commands.tobytes())),
+        )
+        if (found := self._known.get(key)) is None:
+            found = self._along(laws, commands)
+            self._known.keep(key, found)
         return found
 
+    def _readings_of(self, laws: Laws) -> tuple[ChannelEffect, ...]:
+        """Changes of the position sensors: the motion of the motors depends on nothing else."""
+        return tuple(laws.channel(f"position:{name}") for name in self._machine.joints)
+
     def _key(self, laws: Laws) -> Hashable:
-        positions = tuple(laws.channel(f"position:{name}") for name in self._machine.joints)
         masses = tuple(value for (kind, _, _), value in laws.masses.items() if kind == BODY)
         compliance = tuple(laws.joints[:, COMPLIANCE].tolist())
         armature = tuple(laws.joints[:, ARMATURE].tolist()) if any(compliance) else ()
         if laws.joints[:, PLAY].any():
             armature += tuple(laws.joints.ravel().tolist())
-        return masses, laws.payloads, tuple(laws.gravity.tolist()), positions, compliance, armature
+        return masses, laws.payloads, tuple(laws.gravity.tolist()), compliance, armature
 
     def _along(self, laws: Laws, commands: Array | None) -> Motion:
         log = self._log
         columns = [
             [
-                self._true(values[:, j], laws.channel(f"position:{name}"), order, laws.has_force(j))
-                for j, name in enumerate(self._machine.joints)
+                self._true(values[:, j], reading, order, laws.has_force(j))
+                for j, reading in enumerate(self._readings_of(laws))
             ]
             for order, values in enumerate((log.position, log.speed, log.acceleration, log.balanced_speed))
         ]
         position, speed, acceleration, balanced = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
-        forces = functools.partial(self._forces, laws)
-        rigid, readings = forces(position, speed, acceleration)
-        bent, motor = None, (position, speed, acceleration, balanced)
+        plain = position, speed, acceleration
+        rigid, readings = self._bodies.forces(laws, plain, self._readings_of(laws))
+        bent, motor = None, (*plain, balanced)
         if laws.joints[:, COMPLIANCE].any():
             share = self._motor_shares(laws, motor, rigid) if commands is not None else 0.0
             for _ in range(_DEFLECTIONS):
@@ -152,13 +146,27 @@ class Dynamics:
                 if commands is not None:
                     loads = rigid - share * self._lacking(laws, motor, rigid, commands)
                 bent = self._bent(loads, laws.joints[:, COMPLIANCE])
-                links = (part - change for part, change in zip(motor, bent, strict=False))
-                rigid, readings = forces(*map(np.ascontiguousarray, links))
+                one, two, three = (part - change for part, change in zip(plain, bent, strict=True))
+                rigid, readings = self._bodies.forces(laws, (one, two, three))
         play = None
         if laws.joints[:, PLAY].any():
-            inertia = self._inertias(laws, position, speed, acceleration, rigid, PLAY)
-            play = links_behind_play(laws.joints, log, (position, speed, acceleration), rigid, inertia)
+            play = self._behind_play(laws, plain, rigid, commands)
         return Motion(position, speed, acceleration, balanced, rigid, readings, bent, play)
+
+    def _behind_play(
+        self, laws: Laws, plain: tuple[Array, Array, Array], rigid: Array, commands: Array | None
+    ) -> Play:
+        """Links behind the play of measured motors, and motors before that of measured links.
+
+        Without inputs the latter are not known, and their play has no effect.
+        """
+        on_motor, on_link = laws.joints.copy(), laws.joints.copy()
+        on_motor[self._on_link, PLAY] = on_link[~self._on_link, PLAY] = 0.0
+        inertia = self._inertias(laws, plain, rigid, PLAY)
+        play = links_behind_play(on_motor, self._log, plain, rigid, inertia)
+        if commands is not None:
+            motors_before_play(on_link, self._log, play, (commands, *plain, rigid, inertia))
+        return play
 
     def _motor_shares(self, laws: Laws, motor: tuple[Array, ...], rigid: Array) -> Array:
         """Weight of the motor's side in the force of each spring, shape (n, j).
@@ -168,7 +176,7 @@ class Dynamics:
         weights J/(I + J) and I/(I + J) it cancels.
         """
         position, speed, acceleration, _ = motor
-        inertia = self._inertias(laws, position, speed, acceleration, rigid, COMPLIANCE)
+        inertia = self._inertias(laws, (position, speed, acceleration), rigid, COMPLIANCE)
         return inertia / (inertia + laws.joints[:, ARMATURE])
 
     def _lacking(self, laws: Laws, motor: tuple[Array, ...], rigid: Array, commands: Array) -> Array:
@@ -181,30 +189,16 @@ class Dynamics:
         kernels.missing_forces(laws.joints, kernels.no_curve(), self._log.times, *numbers)
         return np.where(self._log.valid, found + friction, 0.0)
 
-    def _inertias(self, laws: Laws, q: Array, v: Array, a: Array, rigid: Array, term: int) -> Array:
+    def _inertias(self, laws: Laws, plain: tuple[Array, Array, Array], rigid: Array, term: int) -> Array:
         """Inertia of the links about each joint with a term in its law, shape (n, j) [kg or kg.m2]."""
-        found = np.ones(q.shape)
+        position, speed, acceleration = plain
+        found, key = np.ones(rigid.shape), self._readings_of(laws)
         for j in np.flatnonzero(laws.joints[:, term]):
-            faster = a.copy()
+            faster = acceleration.copy()
             faster[:, j] += 1.0
-            found[:, j] = self._forces(laws, q, v, faster)[0][:, j] - rigid[:, j]
+            forces, _ = self._bodies.forces(laws, (position, speed, faster), (key, int(j)))
+            found[:, j] = forces[:, j] - rigid[:, j]
         return found
-
-    def _forces(self, laws: Laws, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Rigid-body forces along a motion, shape (n, j), and readings of the sensors, shape (n, s)."""
-        rigid, readings = np.empty(q.shape), np.empty((len(q), len(self._sensors)))
-        for load, parts in self._loads.items():
-            model = self._model(laws, dict(load))
-            model.opt.disableflags |= int(_OFF.mjDSBL_CONSTRAINT)
-            model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
-            model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
-            mj_data = mujoco.MjData(model)
-            mujoco.mj_setConst(model, mj_data)  # the inertia of a joint that meets no other is a constant
-            simulation = _arrays(model, mj_data)
-            for part in parts:
-                found = rigid[part], readings[part]
-                kernels.rigid_forces(simulation, q[part], v[part], a[part], self._sensors, *found)
-        return rigid, readings
 
     def _true(self, values: Array, reading: ChannelEffect, order: int, is_smooth: bool) -> Array:
         """Motion of a joint from readings of its encoder; order 0: position, otherwise a derivative of it."""
@@ -235,20 +229,9 @@ class Dynamics:
                     )
         return found[0], found[1], found[2]
 
-    def _model(self, laws: Laws, stated: Mapping[Part, float]) -> mujoco.MjModel:
-        """Copy of the model with the masses and the gravity of a setting, without contacts and limits."""
-        masses, lightest = dict(laws.masses), QUANTITIES[BODY]["mass"].lowest
-        for part, mass in stated.items():
-            masses[part] = max(masses[part] + mass - self._machine.values[part], lightest)
-        model = with_masses(self._machine.mj_model, masses, laws.payloads)
-        model.opt.gravity[:] = laws.gravity
-        for flag in (_OFF.mjDSBL_CONTACT, _OFF.mjDSBL_LIMIT, _OFF.mjDSBL_ACTUATION):
-            model.opt.disableflags |= int(flag)
-        return model
-
     def _simulated(self, laws: Laws, stated: Mapping[Part, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """Model of the free windows and its data."""
-        model = self._model(laws, stated)
+        model = self._bodies.model(laws, stated)
         model.opt.timestep = self._log.period / self.substeps
         model.opt.disableflags |= int(_OFF.mjDSBL_SENSOR)
         model.dof_armature[:] = laws.joints[:, ARMATURE]
@@ -295,12 +278,12 @@ class Dynamics:
             braking += laws.joints[:, ARMATURE] * play.gap[2]
             electric = laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
             braking -= np.where(log.enabled, electric, 0.0) * play.gap[1]
-        for load, parts in self._loads.items():
-            simulated = self._simulated(laws, dict(load))
-            inside = [(p.start <= chosen[:, FIRST]) & (chosen[:, FIRST] < p.stop) for p in parts]
+        for load in self._bodies.loads:
+            simulated = self._simulated(laws, load.stated)
+            inside = [(p.start <= chosen[:, FIRST]) & (chosen[:, FIRST] < p.stop) for p in load.parts]
             own = chosen[np.any(inside, axis=0)]
             kernels.free_windows(
-                _arrays(*simulated),
+                arrays_of(*simulated),
                 laws.joints,
                 curve,
                 own,
@@ -341,28 +324,6 @@ def _deflection_width(log: MachineLog, joint: int) -> int:
         if scatter < _CLEAR * float(np.sqrt(np.mean(np.concatenate(parts) ** 2))):
             break
     return width
-
-
-def _arrays(model: mujoco.MjModel, mj_data: mujoco.MjData) -> Simulation:
-    """Arrays of a model; it and its data must outlive them."""
-    d = mj_data
-    return Simulation(
-        function_address("mj_step"),
-        function_address("mj_inverse"),
-        model._address,
-        d._address,
-        d.qpos,
-        d.qvel,
-        d.qacc,
-        d.qfrc_applied,
-        d.qfrc_passive,
-        d.qfrc_constraint,
-        d.qfrc_inverse,
-        d.qacc_warmstart,
-        d.sensordata,
-        model.dof_damping,
-        model.dof_frictionloss,
-    )
 
 
 def effective_inputs(laws: Laws, log: MachineLog) -> Array:

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from omnimj.effects import AXIS
+from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.interface import Experiment
 from omnimj.estimate.replay.mjcf.log import MachineLog
 from omnimj.estimate.replay.mjcf.settings import Spans
@@ -14,6 +16,7 @@ from omnimj.plant.mujoco.machine import Machine
 from omnimj.signals import Array
 
 _LENGTH = 8.0  # [s]
+_LOAD = 0.5  # added mass over that of the bodies
 # share of the measured range, and of the joint's top speed
 _MOVES = {
     "slow sweep": (1.0, 0.05, "slowly over the whole range and back"),
@@ -36,7 +39,24 @@ def machine_experiments(machine: Machine, spans: Spans) -> tuple[Experiment, ...
             for name, (_, _, words) in _MOVES.items():
                 about = {"joint": joint, "move": name, "duration": _LENGTH}
                 found.append(Experiment(f"{name} of {joint}", f"move {joint} {words}", about))
+    if machine.plant == AXIS:
+        found += [_loaded(machine, one) for one in found]
     return tuple(found)
+
+
+def _loaded(machine: Machine, plain: Experiment) -> Experiment:
+    """Motion with a mass put on: separates effects that scale with mass from those that do not."""
+    added = round(_LOAD * float(machine.mj_model.body_mass.sum()), 3)
+    run = {**plain.run, "added_mass": added}
+    return Experiment(f"{plain.name}, loaded", f"{plain.words}, {added:g} kg put on", run)
+
+
+def added_masses(machine: Machine, experiment: Experiment) -> list[dict[Part, float]]:
+    """Stated masses of a candidate motion, as `columns.stated_masses`, of its one stretch."""
+    if "added_mass" not in experiment.run:
+        return []
+    part = (BODY, machine.parts(BODY)[-1], "mass")
+    return [{part: machine.values[part] + float(experiment.run["added_mass"])}]
 
 
 def moved_log(log: MachineLog, joints: Sequence[str], spans: Spans, experiment: Experiment) -> MachineLog:

@@ -100,7 +100,7 @@ def damping(law, speed):
 
 
 @kernel
-def _drive_force(law, command, position, speed):
+def drive_force(law, command, position, speed):
     """Force of the actuator on its joint [N or N.m]."""
     gear = law[GEAR]
     force = law[GAIN] * command + law[BIAS]
@@ -137,7 +137,7 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
             q, v, rigid, sliding = motion[0, k, j], motion[1, k, j], links[0, k, j], links[1, k, j]
             needed = law[ARMATURE] * motion[2, k, j] + rigid + damping(law, v) * v
             needed += steady_force(law, q) - _curve_force(curve, j, q, v, times[k])
-            produced = _drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
+            produced = drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
             forward, backward = dry_friction(law, q, sliding, rigid)
             still = law[STILL]
             share = (abs(sliding) / law[REST_SPEED] - still) / (1.0 - still)
@@ -339,7 +339,7 @@ def _set_forces(simulation, law, curve, j, command, is_on, time, load):
     slowing = damping(law, v)
     push = law[OFFSET] + _curve_force(curve, j, q, v, time) - law[CABLE] * (q - law[CABLE_REST])
     if is_on:
-        force = _drive_force(law, command, q, v)
+        force = drive_force(law, command, q, v)
         push += force
         limited = force <= law[GEAR] * law[LOW] or force >= law[GEAR] * law[HIGH]
         if law[GEAR] < 0.0:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.effects import MJCF, ChannelEffect, find_effect
+from omnimj.effects import ChannelEffect, find_effect
 from omnimj.effects.mjcf import NO_LIMIT
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part, PartChanges, Payload
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, Setting
@@ -132,7 +132,7 @@ class LawMaker:
           setting: Their values, and those of the effects.
         """
         values = dict(zip([b.name for b in base], np.asarray(setting.base, float).tolist(), strict=True))
-        own = {one.part: values[one.name] for one in self.uncertain}
+        own = {one.part: values[one.name] - one.beyond for one in self.uncertain}
         changes = self.changes(setting)
         return self._laws(changed_values(self.machine.values, own, changes), changes, values[TIMING])
 
@@ -142,7 +142,7 @@ class LawMaker:
         for label, numbers in setting.effects.items():
             candidate = self.candidates[label]
             given = {s.name: float(v) for s, v in zip(candidate.parameters, numbers, strict=True)}
-            for hook in find_effect(candidate.effect, MJCF, label).hooks:
+            for hook in find_effect(candidate.effect, self.machine.plant, label).hooks:
                 hook(changes, {**candidate.selectors, **given})
         return changes
 
@@ -154,6 +154,7 @@ class LawMaker:
                 row[place] = values[JOINT, name, key]
             for place, key in _TERMS.items():
                 row[place] = changes.terms.get((JOINT, name, key), 0.0)
+            row[QUADRATIC] += changes.terms.get((JOINT, name, "drag"), 0.0)
             row[STRIBECK_VELOCITY] = row[STRIBECK_VELOCITY] or 1.0
             row[PLACE_WIDTH] = row[PLACE_WIDTH] or 1.0
             row[REST_SPEED], row[LOW], row[HIGH], row[GEAR] = self.rest_speed[j], -np.inf, np.inf, 1.0
@@ -181,6 +182,8 @@ class LawMaker:
         row[GEAR] = drive.gear
         if own.is_force:
             row[GAIN], row[STILL] = 1.0, _STILL
+            if self.machine.forces_are_declared:
+                row[GAIN] = drive.gain / own.drive.gain
             law = InputLaw(reading, 0.0, 0.0, (-np.inf, np.inf))
         else:
             row[GAIN], row[BIAS] = drive.gain, drive.bias

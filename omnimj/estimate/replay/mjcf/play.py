@@ -1,8 +1,7 @@
-"""Play between motor and link: motion of the link behind a measured motor, and the force that it takes.
+"""Play between motor and link: motion of that which carries no encoder, and the force that it takes.
 
-The motor carries the encoder. In contact the link moves with it, as long as they press on each other; then
-it moves alone under its own forces and friction, until the motor reaches it on either side and both go on
-together.
+In contact both move together, as long as they press on each other; then each moves alone, the link under its
+own forces and friction and the motor under its drive, until they meet on either side and go on together.
 """
 
 from __future__ import annotations
@@ -14,7 +13,15 @@ from scipy.ndimage import correlate1d
 from scipy.signal import savgol_filter
 
 from omnimj.estimate.replay.mjcf.filters import same_filter
-from omnimj.estimate.replay.mjcf.kernels import PLAY, REST_SPEED, damping, dry_friction, steady_force
+from omnimj.estimate.replay.mjcf.kernels import (
+    ARMATURE,
+    PLAY,
+    REST_SPEED,
+    damping,
+    drive_force,
+    dry_friction,
+    steady_force,
+)
 from omnimj.estimate.replay.mjcf.log import MachineLog
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
@@ -24,9 +31,10 @@ class Play(NamedTuple):
     """Links behind their play, shape (n, j) each."""
 
     gap: Array
-    """Position of the motor minus that of the link, and its two derivatives, shape (3, n, j)."""
+    """Measured position minus that of the link, and its two derivatives, shape (3, n, j); with the encoder on
+    the link, 0 and the acceleration of the motor beyond that of the link."""
     force: Array
-    """Force that the motor gives the link, minus that along the motor's own motion [N or N.m]."""
+    """Force that the motion takes beyond that of motor and link without play [N or N.m]."""
     speed: Array
     """Speed of the link."""
     contact: Array
@@ -61,6 +69,102 @@ def links_behind_play(
                 )
             force[part, j] = correlate1d(found[1, part], same_filter(log.filter_widths[j]), mode="nearest")
     return Play(gap, force, links, contact)
+
+
+def motors_before_play(joints: Array, log: MachineLog, play: Play, motion: tuple[Array, ...]) -> None:
+    """Add the motors of joints whose encoder is on the link.
+
+    Args:
+      joints: Laws of these joints, shape (j, LAW); without play for the others.
+      log: Its stretches and filters.
+      play: Links behind their play; the force of these motors is added.
+      motion: Effective inputs, position, speed and acceleration of the links, rigid-body forces along it and
+        inertia of the links about their own joint, shape (n, j) each.
+    """
+    for j in np.flatnonzero(joints[:, PLAY] * joints[:, ARMATURE]):
+        columns = [np.ascontiguousarray(c[:, j]) for c in motion]
+        found = np.empty(len(log.times))
+        follow_motors(joints[j], log.stretches, log.period, log.enabled[:, j], *columns, found)
+        for first, last, _, _ in log.stretches:
+            part = slice(int(first), int(last))
+            filtered = correlate1d(found[part], same_filter(log.filter_widths[j]), mode="nearest")
+            play.force[part, j] = filtered
+            play.gap[2, part, j] = filtered / joints[j, ARMATURE]
+
+
+@kernel
+def follow_motors(law, stretches, h, enabled, commands, position, speed, acceleration, rigid, inertia, force):
+    """Follow the motor of one joint before its play along the measured motion of its link.
+
+    In contact it gives the link its drive force F − J q̈, and leaves it where this changes its sign. What it
+    takes beyond the link's motion, J q̈_m − J q̈, is F − J q̈ while it is alone; the blow at the end takes all
+    of this impulse back, since both have the same speed before and after. Meanwhile the link moves under its
+    own forces: the measured motion, which is smoothed, shows the blow before it falls.
+
+    Args:
+      law: Law of the joint, shape (LAW,).
+      stretches: Table of stretches.
+      h: Time between rows [s].
+      enabled: Whether the actuator is on, shape (n,).
+      commands: Effective inputs, shape (n,).
+      position: Position of the link, shape (n,).
+      speed: Speed of the link, shape (n,).
+      acceleration: Acceleration of the link, shape (n,).
+      rigid: Rigid-body force along the link's motion, shape (n,).
+      inertia: Inertia of the link, shape (n,).
+      force: Filled with J q̈_m − J q̈, shape (n,) [N or N.m].
+    """
+    half = 0.5 * law[PLAY]
+    for s in range(len(stretches)):
+        first, last = stretches[s, 0], stretches[s, 1]
+        side = _first_push(law, enabled, commands, position, speed, acceleration, first, last)
+        gap, motor, link, impulse, later = side * half, speed[first], speed[first], 0.0, 0.0
+        for k in range(first, last):
+            if side != 0.0:
+                motor = link = speed[k]
+            force[k], later = later, 0.0
+            if k + 1 == last:
+                break
+            # forces are those between the rows: a row late, a gap that grows with t³ is much too small
+            place, change = (
+                0.5 * (position[k] + position[k + 1]),
+                0.5 * (acceleration[k] + acceleration[k + 1]),
+            )
+            command = 0.5 * (commands[k] + commands[k + 1])
+            drive = drive_force(law, command, place, motor) if enabled[k] else 0.0
+            if side * (drive - law[ARMATURE] * change) < 0.0:
+                side = 0.0
+            if side == 0.0:
+                pull = 0.5 * (rigid[k] + rigid[k + 1]) - inertia[k] * change
+                coasting = _alone(law, place, link, pull, inertia[k], h)
+                beyond = drive - law[ARMATURE] * (coasting - link) / h
+                force[k] += 0.5 * beyond
+                later = 0.5 * beyond
+                impulse += beyond
+                after = motor + h * drive / law[ARMATURE]
+                moved = 0.5 * h * (motor + after - link - coasting)
+                if abs(gap + moved) >= half:  # they meet between the rows, which share the blow by its time
+                    side = 1.0 if gap + moved > 0.0 else -1.0
+                    share = (side * half - gap) / moved if moved != 0.0 else 0.0
+                    force[k] -= (1.0 - share) * impulse
+                    later -= share * impulse
+                    impulse = 0.0
+                    moved = side * half - gap
+                gap += moved
+                motor, link = after, coasting
+
+
+@kernel
+def _first_push(law, enabled, commands, position, speed, acceleration, first, last):
+    """Side on which the motor touches the link at the start: that of the first clear motion."""
+    fast = 0.0
+    for k in range(first, last):
+        fast = max(fast, abs(speed[k]))
+    for k in range(first, last):
+        if abs(speed[k]) > 0.05 * fast and enabled[k]:
+            drive = drive_force(law, commands[k], position[k], speed[k])
+            return 1.0 if drive >= law[ARMATURE] * acceleration[k] else -1.0
+    return 1.0
 
 
 @kernel

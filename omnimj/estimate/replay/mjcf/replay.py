@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
 
-from omnimj.effects import MJCF
+from omnimj.effects import AXIS
+from omnimj.effects.axis import GUIDE
+from omnimj.effects.parts import BODY, JOINT
 from omnimj.estimate.replay.interface import (
     MOST_EFFECTS,
     CandidateEffect,
@@ -28,7 +30,7 @@ from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
 from omnimj.estimate.replay.mjcf.columns import measured_parts, stated_masses
 from omnimj.estimate.replay.mjcf.contacts import free_runs
-from omnimj.estimate.replay.mjcf.experiments import machine_experiments, moved_log
+from omnimj.estimate.replay.mjcf.experiments import added_masses, machine_experiments, moved_log
 from omnimj.estimate.replay.mjcf.filters import same_filter
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
@@ -43,6 +45,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import LawMaker, Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog, read_machine_log
+from omnimj.estimate.replay.mjcf.remembered import Remembered
 from omnimj.estimate.replay.mjcf.scope import scope_notes
 from omnimj.estimate.replay.mjcf.settings import (
     JointSpan,
@@ -53,9 +56,10 @@ from omnimj.estimate.replay.mjcf.settings import (
 )
 from omnimj.estimate.replay.stretches import block_means
 from omnimj.estimate.threads import map_in_threads
+from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import is_hinge
-from omnimj.recording.dataset import Dataset
+from omnimj.recording.dataset import MASS_OF, Dataset
 from omnimj.signals import Array
 
 WINDOW = 0.5
@@ -64,6 +68,8 @@ _STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen ev
 _MORE_EFFECTS = 2  # in a model, per joint
 _REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
+_KEPT = 256  # simulated settings that are remembered
+_HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
 _SLOWEST_RATE, _FASTEST_RATE = 2.0 * np.pi, 100.0  # [rad/s] of the filter of missing forces
 _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
@@ -72,7 +78,7 @@ _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
 class MachineReplay:
     """Replay of a dataset of any machine; implements `replay.interface.Replay`."""
 
-    plant, backward_elimination = MJCF, False
+    backward_elimination = False
 
     def __init__(
         self, dataset: Dataset, machine: Machine, *, window: float = WINDOW, threads: int | None = None
@@ -89,33 +95,57 @@ class MachineReplay:
           InputError: A joint or input was not measured, no run is long enough, or bodies touch in all.
           UnknownNameError: A column or a stated mass names a part that the MJCF file does not have.
         """
-        self._machine, self._threads = machine, threads
+        self._machine, self._threads, self.plant = machine, threads, machine.plant
         self.parts = measured_parts(dataset, machine)
         self._runs, contacts = free_runs(dataset.runs, machine, dataset.path)
         self.log = log = read_machine_log(self._runs, self.parts, window)
         stated = [stated_masses(self._runs[k], machine, dataset.path) for k in log.run_of_stretch]
         self._dynamics = Dynamics(machine, log, self.parts.sensors, stated)
         self._windows = self._chosen_windows()
+        self._known: Remembered[Array] = Remembered(_KEPT)
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
-        self.base = base_parameters(machine, log.period)
+        sample = min(float(np.median(np.diff(run.time))) for run in self._runs)
+        self.base = base_parameters(machine, sample if self.plant == AXIS else log.period)
         self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
-        self._smoothing = self._smoothing_of(nominal)
+        self.smoothing = self._smoothing_of(nominal)
+        """Width σ of the filter of each joint's missing force, shape (j,) [rows]; 0: none was measured."""
+        self._holds = log.valid & ~self._turning()
+        self._shares = np.ones(log.valid.shape)
+        for j in np.flatnonzero(self.smoothing > 0.0):
+            shares = self._smoothed(self._holds[:, j].astype(float), self.smoothing[j])
+            self._shares[:, j] = np.maximum(shares, _LEAST_SHARE)
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
+        if self.plant == AXIS:
+            self.curves = {name.rpartition(" ")[2]: size for name, size in self.curves.items()}
         self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * len(self.parts.joints)
         self.segments = self._segments()
         self.measured = self._measured()
-        self.channels = self._channels()
+        self.channels = tuple(replace(one, name=self._own_name(one.name)) for one in self._channels())
         scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
         self.notes = (*self.parts.notes, *scope, *contacts)
         """Notes on columns and rows that are not used, excited joints and effects that are not sought."""
 
+    def _own_name(self, channel: str) -> str:
+        """Name of a channel in results: that of the only joint or drive needs no part on an axis."""
+        return channel.partition(":")[0] if self.plant == AXIS else channel
+
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
-        return map_in_threads(self._simulate, settings, self._threads)
+        return map_in_threads(self._remembered, settings, self._threads)
+
+    def _remembered(self, setting: Setting) -> Array:
+        """Block means under a setting; a search comes back to its last ones."""
+        effects = tuple((label, np.asarray(values).tobytes()) for label, values in setting.effects.items())
+        curve = None if setting.curve is None else (setting.curve[0], np.asarray(setting.curve[1]).tobytes())
+        key = np.asarray(setting.base, float).tobytes(), effects, curve
+        if (found := self._known.get(key)) is None:
+            found = self._simulate(setting)
+            self._known.keep(key, found)
+        return found
 
     def simulate_twin(self, setting: Setting) -> None:
         """None: the replay is that of MuJoCo already."""
@@ -132,7 +162,22 @@ class MachineReplay:
             found[f"{before}speed"] = (f"{unit}/s", speed)
             found[f"{before}acceleration"] = (f"{unit}/s2", acceleration)
         found["time"] = ("s", self._means(log.times[:, None])[:, 0])
-        return found
+        return found | self._axis_regimes() if self.plant == AXIS else found
+
+    def _axis_regimes(self) -> dict[str, tuple[str, Array]]:
+        """Direction, time since a reversal, force and stated mass of an axis in every block."""
+        log = self.log
+        moving = np.abs(log.speed[:, 0]) >= self._maker.rest_speed[0]
+        direction = np.where(moving, np.sign(log.speed[:, 0]), 0.0)
+        since, mass = np.empty(len(direction)), np.empty(len(direction))
+        (name,), armature = self._machine.parts(BODY)[-1:], self._machine.values[JOINT, GUIDE, "armature"]
+        for (first, last, _, _), run in zip(log.stretches, log.run_of_stretch, strict=True):
+            since[first:last] = since_reversal(direction[first:last]) * log.period
+            plain = self._machine.values[BODY, name, "mass"]
+            mass[first:last] = float(self._runs[run].conditions.get(f"{MASS_OF}{name}", plain)) + armature
+        means = self._means(np.stack([direction, since, log.inputs[:, 0], mass], axis=1)).T
+        found = {"direction": ("1", np.rint(means[0])), "reversal": ("s", means[1]), "force": ("N", means[2])}
+        return found | ({"mass": ("kg", means[3])} if np.ptp(mass) > 0.0 else {})
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
         """Motions of one joint that a user could make."""
@@ -146,7 +191,8 @@ class MachineReplay:
           experiment: One of `candidate_experiments`.
         """
         log = moved_log(self.log, self.parts.joints, self.spans, experiment)
-        dynamics = Dynamics(self._machine, log, self.parts.sensors)
+        stated = added_masses(self._machine, experiment)
+        dynamics = Dynamics(self._machine, log, self.parts.sensors, stated)
         return [self._predict(setting, log, dynamics) for setting in settings]
 
     def input_balances(self) -> dict[str, tuple[Array, Array, Array]]:
@@ -186,12 +232,21 @@ class MachineReplay:
         return found
 
     def _balanced(self, missing: Array) -> Array:
-        """Missing forces, low-passed where the force was measured and the encoder is the noisier sensor."""
+        """Missing forces, low-passed where the force was measured and the encoder is the noisier sensor.
+
+        Only rows in which the balance holds pass the filter: what is wrong elsewhere does not spread.
+        """
         found = missing.copy()
-        for j in np.flatnonzero(self._smoothing > 0.0):
-            for first, last, _, _ in self.log.stretches:
-                part = slice(int(first), int(last))
-                found[part, j] = gaussian_filter1d(missing[part, j], self._smoothing[j], mode="nearest")
+        for j in np.flatnonzero(self.smoothing > 0.0):
+            kept = np.where(self._holds[:, j], missing[:, j], 0.0)
+            found[:, j] = self._smoothed(kept, self.smoothing[j]) / self._shares[:, j]
+        return found
+
+    def _smoothed(self, values: Array, width: float) -> Array:
+        """Values low-passed within each stretch, shape (n,)."""
+        found = np.empty(len(values))
+        for first, last, _, _ in self.log.stretches:
+            found[first:last] = gaussian_filter1d(values[first:last], width, mode="nearest")
         return found
 
     def _smoothing_of(self, nominal: Setting) -> Array:
@@ -250,6 +305,7 @@ class MachineReplay:
         if setting.curve is not None:
             name, values = setting.curve
             joint, _, kind = name.rpartition(" ")
+            joint = joint or self.parts.joints[0]
             found[CURVE_JOINT], found[CURVE_KIND] = self.parts.joints.index(joint), _KINDS[kind]
             span = self.spans[joint]
             ends = {
@@ -288,22 +344,23 @@ class MachineReplay:
 
     def _measured(self) -> Array:
         log = self.log
-        inputs = np.where(log.valid & ~self._turning(), log.inputs, np.nan)
+        holding, least = self._means(self._holds.astype(float)), np.where(self.smoothing > 0.0, _HALF, 1.0)
+        inputs = np.where(holding >= least - 1e-9, self._means(log.inputs), np.nan)
         places = np.full((log.blocks, len(self.parts.joints)), np.nan)
         rows = kernels.window_rows(self._windows, log.size)
         places[rows] = self._means(log.position)[rows]
         velocity = log.velocity[:, np.array(self.parts.has_velocity)]
-        return np.hstack([self._means(inputs), places, self._means(velocity), self._means(log.sensors)])
+        return np.hstack([inputs, places, self._means(velocity), self._means(log.sensors)])
 
     def _turning(self) -> NDArray[np.bool_]:
         """Rows around a rest or a reversal of joints with a measured force, shape (n, j).
 
-        The filters mix rows before and after it, in which dry friction differs.
+        The filter of the motion mixes rows before and after it, in which dry friction differs.
         """
         log = self.log
         found = np.zeros(log.valid.shape, bool)
-        for j in np.flatnonzero(self._smoothing > 0.0):
-            near = round(log.reach[j] / log.period + self._smoothing[j])
+        for j in np.flatnonzero(self.smoothing > 0.0):
+            near = round(log.reach[j] / log.period)
             for first, last, _, _ in log.stretches:
                 part, speed = slice(int(first), int(last)), log.speed[first:last, j]
                 turns = np.abs(speed) < self._maker.rest_speed[j]
@@ -348,6 +405,20 @@ class MachineReplay:
                 repeats = run.repeat_of is not None
                 segments.append(Segment(run.name, run.condition, first, last, means[first:last], repeats))
         return tuple(segments)
+
+
+@kernel
+def since_reversal(direction):
+    """Rows since a joint last reversed, or since the start of the stretch, shape (n,)."""
+    found, last, count = np.empty(direction.size), 0.0, 0.0
+    for k in range(direction.size):
+        if direction[k] != 0.0 and direction[k] != last:
+            if last != 0.0:
+                count = 0.0
+            last = direction[k]
+        found[k] = count
+        count += 1.0
+    return found
 
 
 def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:

@@ -59,7 +59,8 @@ def scope_notes(
     if excited:
         yield f"{EXCITED}: {', '.join(excited)}"
     yield from _one_way(parts, spans, log)
-    yield from _not_sought(machine, parts, spans, candidates)
+    if machine.plant == MJCF:
+        yield from _not_sought(machine, parts, spans, candidates)
 
 
 def _one_way(parts: MeasuredParts, spans: Spans, log: MachineLog) -> Iterator[str]:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from omnimj.effects import MJCF, Effect, effects_of
+from omnimj.effects import AXIS, Effect, effects_of
 from omnimj.effects.mjcf import AXIS_OF_TILT
 from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, joint_unit
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, CandidateParameter
@@ -61,7 +61,7 @@ def base_parameters(machine: Machine, period: float) -> tuple[BaseParameter, ...
     found = []
     for one in machine.uncertain:
         quantity = QUANTITIES[one.part[0]][one.part[2]]
-        low = max(one.value - one.half_width, quantity.lowest)
+        low = max(one.value - one.half_width, quantity.lowest + one.beyond)
         words = f"{quantity.words} of {one.part[1]}"
         found.append(BaseParameter(one.name, one.unit, one.value, low, one.value + one.half_width, words))
     sample = 0.75 * period
@@ -78,9 +78,11 @@ def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> 
       spans: Range of each joint.
     """
     found = []
-    for effect in effects_of(MJCF).values():
+    menu = effects_of(machine.plant)
+    for effect in menu.values():
         for selectors in _choices(effect, machine, parts, spans):
-            label = f"{effect.name} ({', '.join(selectors.values())})"
+            chosen = f" ({', '.join(selectors.values())})" if selectors else ""
+            label = f"{effect.name}{chosen}"
             shapes = _shapes(effect, selectors, machine, spans)
             found.append(
                 CandidateEffect(
@@ -101,6 +103,9 @@ def _choices(
     effect: Effect, machine: Machine, parts: MeasuredParts, spans: Spans
 ) -> Iterator[dict[str, str]]:
     """Parts on which an effect can show."""
+    if machine.plant == AXIS:
+        yield from _axis_choices(effect, machine, parts)
+        return
     (selector,) = effect.selectors
     moving = [name for name in parts.joints if spans[name].is_excited]
     inputs = {own.drive.joint: own for own in parts.inputs if own is not None}
@@ -125,7 +130,17 @@ def _choices(
         yield from ({AXIS_OF_TILT.name: str(axis)} for axis in AXIS_OF_TILT.choices)
 
 
-_ONCE = ("stribeck", "position_friction", "stiffness")
+def _axis_choices(effect: Effect, machine: Machine, parts: MeasuredParts) -> Iterator[dict[str, str]]:
+    """Channels of an axis on which an effect can show; one choice of nothing for any other effect."""
+    if effect.selectors:
+        yield from ({CHANNEL: name} for name in machine.columns)
+    elif effect.name.startswith("velocity") and not parts.has_velocity[0]:
+        return
+    elif effect.name not in _ONCE or not any(key.startswith(effect.name) for key in machine.effects):
+        yield {}
+
+
+_ONCE = ("stribeck", "position_friction", "stiffness", "cable_drag")
 
 
 def _present(machine: Machine, name: str, joint: str) -> bool:
@@ -168,10 +183,10 @@ def _shapes(
     effect: Effect, selectors: Mapping[str, str], machine: Machine, spans: Spans
 ) -> tuple[CandidateParameter, ...]:
     """Parameters of an effect on a part, in the units of its joint, with bounds and trials by the logs."""
-    kind = next(iter(selectors))
+    kind, name = next(iter(selectors.items()), (JOINT, machine.joints[0]))
     if kind == BODY:
         return _payload(effect, machine, selectors[BODY])
-    joint = machine.joint_of(kind, selectors[kind])
+    joint = machine.joint_of(kind, name)
     if joint not in spans:
         return tuple(_plain(p) for p in effect.parameters)
     hinge = is_hinge(machine.mj_model, joint)
@@ -187,7 +202,7 @@ def _shapes(
         elif p.null_value is None:
             shape = _placed(shape, spans[joint])
         else:
-            shape = _sized(shape, p.unit, spans[joint])
+            shape = _sized(shape, p.unit, spans[joint], machine)
             shape = _above_zero(shape, effect.name, machine, joint)
         shapes.append(shape)
     return tuple(shapes)
@@ -197,7 +212,7 @@ def _plain(p) -> CandidateParameter:
     return CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value)
 
 
-def _sized(shape: CandidateParameter, unit: str, span: JointSpan) -> CandidateParameter:
+def _sized(shape: CandidateParameter, unit: str, span: JointSpan, machine: Machine) -> CandidateParameter:
     """Typical size of an amplitude: a tenth of the joint's force."""
     force = NOTICED * span.force
     speed, reach = 0.5 * span.speed, 0.5 * (span.high - span.low)
@@ -207,6 +222,7 @@ def _sized(shape: CandidateParameter, unit: str, span: JointSpan) -> CandidatePa
         "N.s2/m2": force / speed**2,
         "N/m": force / reach,
         "kg": force / max(span.acceleration, 1e-9),
+        "A": force / max(abs(machine.drives[0].gain), 1e-9) if machine.drives else None,
         "m/N": 0.02 * reach / span.force,
         "m": 0.05 * reach,
         "m/s": 0.05 * speed,
@@ -227,6 +243,8 @@ _LOWERED = {
 
 def _above_zero(shape: CandidateParameter, effect: str, machine: Machine, joint: str) -> CandidateParameter:
     """Bound an amplitude so that what it adds to does not fall below zero."""
+    if effect == "payload":
+        return dataclasses.replace(shape, low=max(shape.low, -0.9 * float(machine.mj_model.body_mass.sum())))
     if effect not in _LOWERED:
         return shape
     part = (JOINT, joint, _LOWERED[effect])
