@@ -261,6 +261,11 @@ class CompiledController:
             )
         )
 
+    @property
+    def detects(self) -> bool:
+        """False without a detector: no decision is ever due."""
+        return bool(self.parameters["detects"][0])
+
     def start(self, measurement: Measurement) -> CompiledState:
         """State before the first step."""
         n, judgement = self.wheels, initial_judgement(self.wheels, self._detector.thresholds)

@@ -143,8 +143,11 @@ class CompiledRun(_Run):
         self._controller = controller
         m = plant.reset()
         start = controller.start(m)
+        if controller.detects:
+            # its kernels, too, are loaded before the clock runs; the copy takes what the decision changes
+            controller.decide(_copied(start), m.time)
         # the loop changes record and memory in place
-        self.state = start._replace(record=copied(start.record), memory=copied(start.memory))
+        self.state = _copied(start)
         columns = np.column_stack([reference.position, reference.heading, reference.velocity])
         self._plan = Plan(columns, np.ascontiguousarray(reference.yaw_rate, float))
         super().__init__(loop, plant, _robot_readings(m), len(controller.log_names))
@@ -197,6 +200,11 @@ class CompiledRigRun(_Run):
 
     def _inputs(self) -> tuple[Any, ...]:
         return (self._current,)
+
+
+def _copied(state: Any) -> Any:
+    """Controller's state whose record and memory may be changed in place."""
+    return state._replace(record=copied(state.record), memory=copied(state.memory))
 
 
 def _robot_readings(m: Measurement) -> Array:
