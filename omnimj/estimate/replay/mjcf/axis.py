@@ -18,10 +18,12 @@ from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part
 from omnimj.errors import InputError
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.parameters import Axis
+from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.machine import Machine, Uncertain, apply_part_effects
 from omnimj.plant.mujoco.quantities import body_names, is_hinge, read_drives, read_values
 from omnimj.recording.dataset import MASS_OF, MJCF, Dataset, Run
 from omnimj.resources import models_folder
+from omnimj.signals import Array
 
 _NAMES: Mapping[str, Part] = {
     "mass": (BODY, CARRIAGE, "mass"),
@@ -74,6 +76,49 @@ def _uncertain(axis: Axis) -> Iterator[Uncertain]:
             yield Uncertain(part, origin.unit, value, origin.uncertainty, name, beyond)
 
 
+class _AxisReplay(MachineReplay):
+    """Replay of an axis: the only joint and the only drive need no names in results."""
+
+    def __init__(self, dataset: Dataset, machine: Machine, threads: int | None):
+        super().__init__(dataset, machine, threads=threads)
+        self.curves = {name.rpartition(" ")[2]: size for name, size in self.curves.items()}
+        self.channels = tuple(replace(one, name=one.name.partition(":")[0]) for one in self.channels)
+
+    def _timing_period(self) -> float:
+        """Shortest median time between two samples of a run [s]."""
+        return min(float(np.median(np.diff(run.time))) for run in self._runs)
+
+    def regimes(self) -> Mapping[str, tuple[str, Array]]:
+        """As for any machine, with direction, time since a reversal, force and the stated mass."""
+        log, parts = self.log, self._machine.values
+        moving = np.abs(log.speed[:, 0]) >= self._maker.rest_speed[0]
+        direction = np.where(moving, np.sign(log.speed[:, 0]), 0.0)
+        since, mass = np.empty(len(direction)), np.empty(len(direction))
+        for (first, last, _, _), run in zip(log.stretches, log.run_of_stretch, strict=True):
+            since[first:last] = since_reversal(direction[first:last]) * log.period
+            plain = parts[BODY, CARRIAGE, "mass"]
+            mass[first:last] = float(self._runs[run].conditions.get(f"{MASS_OF}{CARRIAGE}", plain))
+        mass += parts[JOINT, GUIDE, "armature"]
+        means = self._means(np.stack([direction, since, log.inputs[:, 0], mass], axis=1)).T
+        found = {"direction": ("1", np.rint(means[0])), "reversal": ("s", means[1]), "force": ("N", means[2])}
+        found |= {"mass": ("kg", means[3])} if np.ptp(mass) > 0.0 else {}
+        return {**super().regimes(), **found}
+
+
+@kernel
+def since_reversal(direction):
+    """Rows since a joint last reversed, or since the start of the stretch, shape (n,)."""
+    found, last, count = np.empty(direction.size), 0.0, 0.0
+    for k in range(direction.size):
+        if direction[k] != 0.0 and direction[k] != last:
+            if last != 0.0:
+                count = 0.0
+            last = direction[k]
+        found[k] = count
+        count += 1.0
+    return found
+
+
 def axis_replay(dataset: Dataset, axis: Axis, threads: int | None = None) -> MachineReplay:
     """Replay of the logs of an axis as those of its MJCF file.
 
@@ -95,13 +140,10 @@ def axis_replay(dataset: Dataset, axis: Axis, threads: int | None = None) -> Mac
         kept = tuple(one for one in machine.uncertain if one.name != "force_constant")
         machine = replace(machine, uncertain=kept)
     logs = as_machine_logs(dataset, machine)
-    found, notes = MachineReplay(logs, machine, threads=threads), ()
+    found = _AxisReplay(logs, machine, threads)
     if _is_reversed(found):
-        found, notes = (
-            MachineReplay(_reversed(logs), machine, threads=threads),
-            (_REVERSED.format(name=force),),
-        )
-    found.notes = (*found.notes, *notes)
+        found = _AxisReplay(_reversed(logs), machine, threads)
+        found.notes = (*found.notes, _REVERSED.format(name=force))
     return found
 
 

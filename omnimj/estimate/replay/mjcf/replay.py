@@ -15,9 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
 
-from omnimj.effects import AXIS
-from omnimj.effects.axis import GUIDE
-from omnimj.effects.parts import BODY, JOINT
 from omnimj.estimate.replay.interface import (
     MOST_EFFECTS,
     CandidateEffect,
@@ -56,10 +53,9 @@ from omnimj.estimate.replay.mjcf.settings import (
 )
 from omnimj.estimate.replay.stretches import block_means
 from omnimj.estimate.threads import map_in_threads
-from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import is_hinge
-from omnimj.recording.dataset import MASS_OF, Dataset
+from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
 
 WINDOW = 0.5
@@ -104,8 +100,7 @@ class MachineReplay:
         self._windows = self._chosen_windows()
         self._known: Remembered[Array] = Remembered(_KEPT)
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
-        sample = min(float(np.median(np.diff(run.time))) for run in self._runs)
-        self.base = base_parameters(machine, sample if self.plant == AXIS else log.period)
+        self.base = base_parameters(machine, self._timing_period())
         self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
@@ -119,19 +114,17 @@ class MachineReplay:
         self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
         self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
         self.curves: Mapping[str, float] = free_curves(self.spans)
-        if self.plant == AXIS:
-            self.curves = {name.rpartition(" ")[2]: size for name, size in self.curves.items()}
         self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * len(self.parts.joints)
         self.segments = self._segments()
         self.measured = self._measured()
-        self.channels = tuple(replace(one, name=self._own_name(one.name)) for one in self._channels())
+        self.channels = self._channels()
         scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
         self.notes = (*self.parts.notes, *scope, *contacts)
         """Notes on columns and rows that are not used, excited joints and effects that are not sought."""
 
-    def _own_name(self, channel: str) -> str:
-        """Name of a channel in results: that of the only joint or drive needs no part on an axis."""
-        return channel.partition(":")[0] if self.plant == AXIS else channel
+    def _timing_period(self) -> float:
+        """Period of which the error of the clocks is a share [s]."""
+        return self.log.period
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
@@ -162,22 +155,7 @@ class MachineReplay:
             found[f"{before}speed"] = (f"{unit}/s", speed)
             found[f"{before}acceleration"] = (f"{unit}/s2", acceleration)
         found["time"] = ("s", self._means(log.times[:, None])[:, 0])
-        return found | self._axis_regimes() if self.plant == AXIS else found
-
-    def _axis_regimes(self) -> dict[str, tuple[str, Array]]:
-        """Direction, time since a reversal, force and stated mass of an axis in every block."""
-        log = self.log
-        moving = np.abs(log.speed[:, 0]) >= self._maker.rest_speed[0]
-        direction = np.where(moving, np.sign(log.speed[:, 0]), 0.0)
-        since, mass = np.empty(len(direction)), np.empty(len(direction))
-        (name,), armature = self._machine.parts(BODY)[-1:], self._machine.values[JOINT, GUIDE, "armature"]
-        for (first, last, _, _), run in zip(log.stretches, log.run_of_stretch, strict=True):
-            since[first:last] = since_reversal(direction[first:last]) * log.period
-            plain = self._machine.values[BODY, name, "mass"]
-            mass[first:last] = float(self._runs[run].conditions.get(f"{MASS_OF}{name}", plain)) + armature
-        means = self._means(np.stack([direction, since, log.inputs[:, 0], mass], axis=1)).T
-        found = {"direction": ("1", np.rint(means[0])), "reversal": ("s", means[1]), "force": ("N", means[2])}
-        return found | ({"mass": ("kg", means[3])} if np.ptp(mass) > 0.0 else {})
+        return found
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
         """Motions of one joint that a user could make."""
@@ -405,20 +383,6 @@ class MachineReplay:
                 repeats = run.repeat_of is not None
                 segments.append(Segment(run.name, run.condition, first, last, means[first:last], repeats))
         return tuple(segments)
-
-
-@kernel
-def since_reversal(direction):
-    """Rows since a joint last reversed, or since the start of the stretch, shape (n,)."""
-    found, last, count = np.empty(direction.size), 0.0, 0.0
-    for k in range(direction.size):
-        if direction[k] != 0.0 and direction[k] != last:
-            if last != 0.0:
-                count = 0.0
-            last = direction[k]
-        found[k] = count
-        count += 1.0
-    return found
 
 
 def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:
