@@ -53,6 +53,8 @@ class RobotConstants(NamedTuple):
     """Force and moment on the body per traction of each wheel, B = Aᵀ, shape (3, n)."""
     across: Array
     """Roller speed per body twist of each wheel, of omni wheels along the axle, shape (n, 3)."""
+    rollers: float
+    """Rollers that pass per turn of a wheel."""
     floor: ExpectedFloor
     """Floor that the controller expects."""
 
@@ -93,6 +95,7 @@ def robot_constants(robot: Robot, floor: Floor | None = None) -> RobotConstants:
         roller_viscous=float(robot.wheel.roller_viscous),
         forces=np.ascontiguousarray(_turned(positions, robot.rolling_directions, effects).T),
         across=np.ascontiguousarray(_turned(positions, robot.side_directions, effects)),
+        rollers=float(robot.wheel.rows * robot.wheel.rollers_per_row),
         floor=expected,
     )
 

@@ -215,7 +215,7 @@ def _setup(task: Task, controller: Controller) -> Setup:
 def _blank(task: Task, controller: Controller) -> Episode:
     n, log = task.robot.wheel_count, np.zeros(len(controller.log_names))
     return Episode(
-        cascade=CascadeState(0.0, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(n), log),
+        cascade=CascadeState(0.0, GyroBias(), 0.0, np.zeros(n), np.zeros(n), np.zeros(n), log),
         changed=controller.nominal,
         readings=np.zeros(2 * n + 4),
         truth=np.zeros(6 + 3 * n),

@@ -81,6 +81,10 @@ class Control:
     """Final limit: largest rate of change of the current command."""
     wheel_speed_limit: float = positive("rad/s")
     """Final limit: above this wheel speed no current may accelerate the wheel further."""
+    yaw_rate_lag: float = quantity("1", 1.0, default=1.0)
+    """Gain of the yaw-rate loop for slow errors over that for fast ones; 1: the same for all."""
+    yaw_rate_corner: float = positive("Hz", default=4.0)
+    """Frequency above which errors of the yaw rate are fast."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from omnimj.control.cascade.allocation import inverse_kinematics, wheel_speed_ta
 from omnimj.control.cascade.creep import CreepParameters, creep_parameters, update_creep
 from omnimj.control.cascade.heading import (
     GyroBias,
+    YawRateGain,
     is_standing,
     to_body,
     update_gyro_bias,
@@ -19,6 +20,7 @@ from omnimj.control.cascade.heading import (
     wrapped,
     yaw_rate_by_wheels,
     yaw_rate_demand,
+    yaw_rate_gain,
     yaw_rate_row,
 )
 from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_all
@@ -63,8 +65,7 @@ def nominal_reconfiguration(speed_per_twist: Array) -> Reconfiguration:
 class CascadeParameters(NamedTuple):
     """Constants of a cascade."""
 
-    yaw_rate_gain: float
-    """P gain of the yaw-rate loop, 0 without it [1]."""
+    yaw_rate: YawRateGain
     heading_gain: float
     """P gain of the heading hold [1/s]."""
     holds_heading: bool
@@ -111,6 +112,8 @@ class CascadeState(NamedTuple):
     heading: float
     """Estimate, unwrapped [rad]."""
     gyro_bias: GyroBias
+    slow_yaw_error: float
+    """Slow part of the yaw-rate error [rad/s]."""
     integral: Array
     """Integrals q of the wheel-speed loops, shape (n,) [A]."""
     current: Array
@@ -236,10 +239,11 @@ def advance_cascade(p, changed, state, now):
         wheel_speed,
         p.period,
     )
-    x = y = turn = 0.0
+    x = y = turn = slow_error = 0.0
     if not standing:
         x, y = to_body(now.velocity_x, now.velocity_y, heading if p.uses_heading else now.heading)
-        turn = yaw_rate_demand(now.yaw_rate, yaw_rate, error, p.yaw_rate_gain, heading_gain)
+        held = now.yaw_rate + heading_gain * error
+        turn, slow_error = yaw_rate_demand(held, yaw_rate, state.slow_yaw_error, p.yaw_rate)
     added = np.zeros(n)
     if p.creep.feeds:
         planned = np.array((x, y, 0.0 if standing else now.yaw_rate))
@@ -255,6 +259,8 @@ def advance_cascade(p, changed, state, now):
     limit_all(p.limits, wanted, last, wheel_speed, good, currents, reasons)
     if not (good and _all_finite(wanted)):
         integral[:] = 0.0
+    else:
+        state.slow_yaw_error = min(max(slow_error, -p.gyro_range), p.gyro_range)
     state.heading = heading
     log[0], log[1], log[2], log[3], log[4] = x, y, turn, heading, bias.bias
 
@@ -296,8 +302,9 @@ class Controller:
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         gains, n = robot.control, len(robot.wheels)
         inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions, scale, weights)
+        loop = yaw_rate_gain(gains, self.period)
         parameters = CascadeParameters(
-            yaw_rate_gain=gains.yaw_rate_proportional if yaw_loop else 0.0,
+            yaw_rate=loop if yaw_loop else loop._replace(slow=0.0),
             heading_gain=gains.heading_proportional,
             holds_heading=heading_hold,
             uses_heading=heading_feedback,
@@ -330,7 +337,7 @@ class Controller:
         yaw, n = measurement.yaw, self.wheels
         heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
         log = np.zeros(len(self.log_names))
-        return CascadeState(heading, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(n), log)
+        return CascadeState(heading, GyroBias(), 0.0, np.zeros(n), np.zeros(n), np.zeros(n), log)
 
     def start(self, measurement: Measurement) -> ControlState:
         """State before the first step."""

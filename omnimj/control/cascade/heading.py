@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.parameters import Robot
+from omnimj.parameters import Control, Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
@@ -78,21 +78,41 @@ def to_body(velocity_x, velocity_y, heading):
     return c * velocity_x + s * velocity_y, c * velocity_y - s * velocity_x
 
 
-@kernel
-def yaw_rate_demand(yaw_rate, measured_yaw_rate, heading_error, gain, heading_gain):
-    """Yaw-rate command ω_c = ω_h + K (ω_h − ω_measured) with ω_h = ω_d + K_h e [rad/s].
+class YawRateGain(NamedTuple):
+    """Gain of the yaw-rate loop: K for slow errors, K/ρ for fast ones, from `yaw_rate_gain`."""
 
-    Section 3.1.2 with the heading hold on top.
+    slow: float
+    """K, 0 without the loop [1]."""
+    fast_share: float
+    """1/ρ, the share of K that is left for fast errors [1]."""
+    decay: float
+    """Decay factor of the slow error over one period, 0…1."""
+
+
+def yaw_rate_gain(control: Control, period: float) -> YawRateGain:
+    """Gain K (1 + s/ω)/(1 + ρ s/ω) of a robot, with its corner ω/2π, at a control period h [s]."""
+    ratio = control.yaw_rate_lag
+    decay = math.exp(-2.0 * math.pi * control.yaw_rate_corner / ratio * period)
+    return YawRateGain(control.yaw_rate_proportional, 1.0 / ratio, decay)
+
+
+@kernel
+def yaw_rate_demand(held, measured_yaw_rate, slow_error, gain):
+    """Yaw-rate command ω_c = ω_h + K (e/ρ + (1 − 1/ρ) e_slow) [rad/s], and e_slow, with e = ω_h − ω_measured.
+
+    Section 3.1.2 is ρ = 1. Fast errors get a smaller gain since a loop that is as stiff at 40 Hz has no
+    margin left for sensors that are late and gears that brake more than they drive.
 
     Args:
-      yaw_rate: Demand ω_d [rad/s].
+      held: Demand of the plan and of the heading hold, ω_h = ω_d + K_h e_heading [rad/s].
       measured_yaw_rate: Gyro [rad/s].
-      heading_error: Wrapped error e; a plan half a turn ahead is therefore not caught up with [rad].
-      gain: K [1].
-      heading_gain: K_h [1/s].
+      slow_error: e_slow one period ago [rad/s].
+      gain: `YawRateGain`.
     """
-    held = yaw_rate + heading_gain * heading_error
-    return held + gain * (held - measured_yaw_rate)
+    error = held - measured_yaw_rate
+    slow_error = error + gain.decay * (slow_error - error)
+    answered = gain.fast_share * error + (1.0 - gain.fast_share) * slow_error
+    return held + gain.slow * answered, slow_error
 
 
 @kernel

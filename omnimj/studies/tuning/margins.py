@@ -8,7 +8,8 @@ against each other, and one for a wheel in the air (Z = 0):
   G = K_t E G_r/(I s + b + r²/(1/Z + p/s)).
 Around it the amplifier 1/(1 + τ s), the command held over a period h, and in z = e^(sh) the PI law
 K_P + K_I h/(z − 1) and the encoder's speed, (1 − z⁻¹)/(s h) of the angle's difference through its one-pole
-filter. The yaw-rate loop contains the wheel loops and the gyro's filter, the heading loop both.
+filter. The yaw-rate loop contains the wheel loops, the gyro's filter and the lag of its gain
+K (1 + (ρ − 1) (1 − d)/(1 − d z⁻¹))/ρ, d its decay over a period; the heading loop contains the yaw-rate loop.
 The step response of a wheel's speed, T(s) = C G/(1 + L): y(t) = 2/π ∫ Re T(iω) sin(ωt)/ω dω.
 """
 
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.control.cascade.heading import yaw_rate_gain
 from omnimj.errors import InputError
 from omnimj.parameters import Control, Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
@@ -163,6 +165,7 @@ class _LoopModel:
         self._inertia = robot.wheel.inertia + motor.reflected_inertia
         self._friction = motor.viscous * motor.gear_ratio * gear
         self._decay = math.exp(-self.period / sensors.speed_filter)
+        self._yaw_gain = yaw_rate_gain(control, self.period)
         self._gyro_decay = math.exp(-2.0 * math.pi * sensors.gyro_bandwidth * self.period)
         a = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
         body = np.array([robot.body.mass, robot.body.mass, robot.body.yaw_inertia])
@@ -208,13 +211,18 @@ class _LoopModel:
             total += share / s * self.step_response(s, z, p) / (1.0 / z(s) + p / s)
         return total
 
+    def _yaw_law(self, s: Complex) -> Complex:
+        gain = self._yaw_gain
+        lagging = (1.0 - gain.fast_share) * self._filtered(s, gain.decay)
+        return gain.slow * (gain.fast_share + lagging)
+
     def yaw_loop(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:
         """Return L of the yaw-rate loop, through the gyro's filter."""
-        return self._control.yaw_rate_proportional * self._turning(s, z) * self._filtered(s, self._gyro_decay)
+        return self._yaw_law(s) * self._turning(s, z) * self._filtered(s, self._gyro_decay)
 
     def heading_loop(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:
         """Return L of the heading loop around the closed yaw-rate loop; the heading integrates the gyro."""
-        gain = self._control.heading_proportional * (1.0 + self._control.yaw_rate_proportional)
+        gain = self._control.heading_proportional * (1.0 + self._yaw_law(s))
         inner = self._turning(s, z) / (1.0 + self.yaw_loop(s, z))
         return gain * inner * self._filtered(s, self._gyro_decay) / s
 

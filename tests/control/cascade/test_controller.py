@@ -74,11 +74,36 @@ def test_yaw_loop_answers_the_gyro_and_heading_hold_the_heading():
     still = {"yaw_loop": False, "heading_hold": False}
     turning = measured(yaw_rate=0.1)
     assert first_step(turning, target(x=0.5), **still)[2]["target_yaw_rate"] == 0.0
-    gain = ROBOT.control.yaw_rate_proportional
-    assert first_step(turning, target(x=0.5))[2]["target_yaw_rate"] == pytest.approx(-0.1 * gain)
+    at_once, in_the_end = (one["target_yaw_rate"] for one in yaw_answers(turning, 1000))
+    gain, lag = ROBOT.control.yaw_rate_proportional, ROBOT.control.yaw_rate_lag
+    assert at_once == pytest.approx(-0.1 * gain / lag, rel=0.05)
+    assert in_the_end == pytest.approx(-0.1 * gain, rel=0.001)
     hold = first_step(measured(yaw=6.2), target(heading=0.1), yaw_loop=False, heading_hold=True)[2]
     error = 0.1 - (6.2 - 2.0 * math.pi)
     assert hold["target_yaw_rate"] == pytest.approx(ROBOT.control.heading_proportional * error)
+
+
+def yaw_answers(measurement, steps):
+    """Logs of the first and of the last step of a robot that goes on to measure the same."""
+    controller = Controller(ROBOT)
+    state, logs = controller.start(measurement), []
+    for _ in range(steps):
+        _, state = controller.step(state, measurement, target(x=0.5))
+        logs.append(log_of(controller, state))
+    return logs[0], logs[-1]
+
+
+def test_a_bad_measurement_leaves_the_slow_yaw_error_as_it_is_and_standstill_ends_it():
+    controller = Controller(ROBOT)
+    state, turning = controller.start(measured()), measured(yaw_rate=0.1)
+    for _ in range(100):
+        _, state = controller.step(state, turning, target(x=0.5))
+    slow = state.record["slow_yaw_error"][0]
+    assert slow < -0.05
+    _, state = controller.step(state, corrupted(turning, "yaw_rate", None, math.nan), target(x=0.5))
+    assert state.record["slow_yaw_error"][0] == slow
+    _, state = controller.step(state, measured(), target())
+    assert state.record["slow_yaw_error"][0] == 0.0
 
 
 def test_without_heading_feedback_the_planned_heading_rotates_the_demand():

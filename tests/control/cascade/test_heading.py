@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -5,10 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimj.control.cascade.heading import to_body, update_heading, wrapped, yaw_rate_demand
+from omnimj.control.cascade.heading import (
+    YawRateGain,
+    to_body,
+    update_heading,
+    wrapped,
+    yaw_rate_demand,
+    yaw_rate_gain,
+)
+from omnimj.parameters import read_robot
 from omnimj.physics.kinematics import rotation
 
 H, GYRO_RANGE = 1e-3, 6.981
+ROBOT, LAGGING = read_robot(), YawRateGain(6.0, 0.25, 0.99)
 
 
 def estimated(true_heading, yaw, yaw_rate):
@@ -62,7 +72,28 @@ def test_body_velocity_is_the_transposed_rotation(heading, x, y):
 
 
 def test_yaw_demand_is_the_target_when_it_is_met_and_open_loop_without_gains():
-    assert yaw_rate_demand(0.7, 0.7, 0.0, 6.0, 3.0) == pytest.approx(0.7)
-    assert yaw_rate_demand(0.7, -2.0, 1.0, 0.0, 0.0) == 0.7
-    assert yaw_rate_demand(0.0, 0.1, 0.0, 6.0, 0.0) == pytest.approx(-0.6)
-    assert yaw_rate_demand(0.0, 0.0, 0.1, 0.0, 3.0) == pytest.approx(0.3)
+    assert yaw_rate_demand(0.7, 0.7, 0.0, LAGGING) == (pytest.approx(0.7), 0.0)
+    assert yaw_rate_demand(0.7, -2.0, 0.0, LAGGING._replace(slow=0.0))[0] == 0.7
+
+
+def test_without_a_lag_the_yaw_demand_answers_every_error_alike():
+    same = LAGGING._replace(fast_share=1.0)
+    for slow in (-1.0, 0.0, 1.0):
+        assert yaw_rate_demand(0.0, 0.1, slow, same)[0] == pytest.approx(-0.6)
+
+
+@pytest.mark.parametrize("frequency", [0.01, 0.8, 2.0, 8.0, 30.0, 100.0])
+def test_yaw_gain_is_that_of_the_lag_at_every_frequency(frequency):
+    """Amplitude and phase of the answer to a sine, against K (1 + s/ω)/(1 + ρ s/ω) in closed form."""
+    gain = yaw_rate_gain(dataclasses.replace(ROBOT.control, yaw_rate_lag=4.0, yaw_rate_corner=8.0), H)
+    period = round(1.0 / (frequency * H))
+    settled = period * math.ceil(3000 / period)
+    turned = np.exp(-2j * np.pi * np.arange(settled + period) / period)
+    slow, answer = 0.0, np.empty(settled + period)
+    for k, rate in enumerate(turned.real):
+        answer[k], slow = yaw_rate_demand(0.0, -rate, slow, gain)
+    found = 2.0 * np.mean((answer * turned.conj())[settled:])
+    s = 1j / (period * H * 8.0)
+    wanted = ROBOT.control.yaw_rate_proportional * (1.0 + s) / (1.0 + 4.0 * s)
+    # a one-pole filter that is sampled leads the continuous one by half a period
+    assert abs(found.conjugate() - wanted) < 0.02 * abs(wanted)

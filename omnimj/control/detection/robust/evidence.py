@@ -47,6 +47,12 @@ from omnimj.control.detection.robust.parameter_filter import (
     update_parameters,
     with_degraded_motors,
 )
+from omnimj.control.detection.robust.ripple import (
+    initial_ripple,
+    learn_ripple,
+    subtract_ripple,
+    turn_wheels,
+)
 from omnimj.control.detection.robust.slip import STATE, VelocityNoise, correct_velocity, predict_velocity
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.wheel_monitors import (
@@ -121,6 +127,8 @@ class Evidence(NamedTuple):
     oscillation: Array
     """State of `update_oscillation` for the motors' forces before the gear's losses [N] and the speeds of the
     wheels' rims [m/s], shape (3, 2n)."""
+    ripple: Array
+    """Ripple of passing rollers by wheel, shape (4, n)."""
     velocity: Array
     """States of the filters without wheel 1 … n, and with all: shape (n+1, STATE)."""
     velocity_cov: Array
@@ -176,6 +184,7 @@ def initial_evidence(wheels: int) -> Evidence:
         recent_row=np.array([0]),
         force=np.zeros(wheels),
         oscillation=np.zeros((3, 2 * wheels)),
+        ripple=initial_ripple(wheels),
         velocity=np.zeros((wheels + 1, STATE)),
         velocity_cov=np.tile(np.diag([1e-6, 1e-6, 4e-4, 4e-4]), (wheels + 1, 1, 1)),
         monitors=initial_monitors(wheels),
@@ -286,6 +295,21 @@ def _oscillate(robot, block, swing, oscillation):
     return unsteady
 
 
+@kernel
+def _take_out_ripple(robot, block, learns, x, rho, evidence):
+    """Take the known ripple out of ρ, in place, and learn it from what θ leaves."""
+    basis, left = np.empty((2, block.wheel_speed.size)), np.empty(3)
+    turn_wheels(robot.rollers, block, evidence.ripple, basis)
+    subtract_ripple(robot.forces, evidence.ripple, basis, rho)
+    if not learns:
+        return
+    for k in range(3):
+        left[k] = rho[k]
+        for j in range(evidence.theta.size):
+            left[k] -= x[k, j] * evidence.theta[j]
+    learn_ripple(robot.forces, block, basis, left, evidence.ripple)
+
+
 @inlined
 def _update_force_channel(parameters, block, accommodation, evidence, swing):
     """Force channel of `update_evidence`; whether the robot moves enough to be judged.
@@ -303,10 +327,13 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
     balance(robot, block, theta, accommodation, sideways, x[:, :p], rho, evidence.force)
     instructive_gear(robot, block, theta, accommodation, x[:, p])
     swing[:] = np.abs(evidence.force - swing)
+    quiet = _is_quiet(evidence.scores, accommodation.degraded)
+    moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
+    learns = moving and quiet and not accommodation.degraded.any()
+    _take_out_ripple(robot, block, learns, x, rho, evidence)
     evidence.residual[:] = rho
     unsteady = _oscillate(robot, block, swing, evidence.oscillation)
     slowest, sideways = _recent_minima(evidence, block.wheel_speed, sideways)
-    moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
         # what is left of a weak motor must be followed, ripple or not
         noise = 1.0 if accommodation.degraded.any() else coloured_variance(evidence.usual)
@@ -314,7 +341,6 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
         row[: 3 * p], row[3 * (p + 1) :] = x[:, :p].copy().reshape(3 * p), x[:, p]
         if accommodation.relearning:
             _learn(robot, evidence, model.walk, noise, row)
-        quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(robot, evidence, model.walk, noise, row, quiet and not accommodation.relearning)
         precision = short_term_precision(cov, model.short_term, lasting(n))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
