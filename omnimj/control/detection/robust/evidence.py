@@ -48,6 +48,7 @@ from omnimj.control.detection.robust.parameter_filter import (
     with_degraded_motors,
 )
 from omnimj.control.detection.robust.ripple import (
+    LARGEST,
     initial_ripple,
     learn_ripple,
     subtract_ripple,
@@ -298,13 +299,13 @@ def _oscillate(robot, block, swing, oscillation):
 @kernel
 def _take_out_ripple(robot, block, learns, x, rho, evidence):
     """Take the known ripple out of ρ, in place, and learn it from what θ leaves."""
-    basis, left = np.empty((2, block.wheel_speed.size)), np.empty(3)
+    basis, left = np.empty((2, block.wheel_speed.size)), rho.copy()
     turn_wheels(robot.rollers, block, evidence.ripple, basis)
-    subtract_ripple(robot.forces, evidence.ripple, basis, rho)
+    subtract_ripple(robot.forces, evidence.ripple, basis, LARGEST * robot.load, rho)
     if not learns:
         return
+    subtract_ripple(robot.forces, evidence.ripple, basis, np.inf, left)
     for k in range(3):
-        left[k] = rho[k]
         for j in range(evidence.theta.size):
             left[k] -= x[k, j] * evidence.theta[j]
     learn_ripple(robot.forces, block, basis, left, evidence.ripple)

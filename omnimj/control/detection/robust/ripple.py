@@ -26,6 +26,9 @@ DOUBT = 25.0
 """Blocks that "no ripple" is worth at the start."""
 MEMORY = 600.0
 """Blocks over which a and b are averaged: encoders lose the phase slowly, wheels wear."""
+LARGEST = 0.1
+"""Amplitude up to which a ripple is taken out, as a share of a wheel's load: with more of it the model does
+not fit, which must not be hidden from the judgement of the fit."""
 
 
 def initial_ripple(wheels: int) -> Array:
@@ -54,16 +57,19 @@ def turn_wheels(order, block, ripple, basis):
 
 
 @kernel
-def subtract_ripple(forces, ripple, basis, rho):
+def subtract_ripple(forces, ripple, basis, largest, rho):
     """Take the ripple, as it is known, out of the force balance, in place.
 
     Args:
       forces: `RobotConstants.forces`, shape (3, n).
       ripple: `Evidence.ripple`.
       basis: From `turn_wheels`, shape (2, n).
+      largest: Amplitude beyond which a wheel's ripple is left in [N].
       rho: ρ, shape (3,), changed in place [N, N, N.m].
     """
     for i in range(basis.shape[1]):
+        if math.hypot(ripple[SINE, i], ripple[COSINE, i]) > largest:
+            continue
         force = ripple[SINE, i] * basis[0, i] + ripple[COSINE, i] * basis[1, i]
         for k in range(3):
             rho[k] -= forces[k, i] * force

@@ -9,6 +9,7 @@ from omnimj.control.detection.robust.blocks import BLOCK, Block
 from omnimj.control.detection.robust.ripple import (
     COSINE,
     FASTEST,
+    LARGEST,
     PHASE,
     SINE,
     initial_ripple,
@@ -53,7 +54,7 @@ def driven(blocks, push, speeds=SPEEDS, seed=0):
         true[k] = push(np.outer(time, now.wheel_speed)).mean(axis=0)
         known[k] = ripple[SINE] * basis[0] + ripple[COSINE] * basis[1]
         rho = CONSTANTS.forces @ true[k] + noise[k]
-        subtract_ripple(CONSTANTS.forces, ripple, basis, rho)
+        subtract_ripple(CONSTANTS.forces, ripple, basis, np.inf, rho)
         learn_ripple(CONSTANTS.forces, now, basis, rho, ripple)
     return ripple, known, true
 
@@ -81,12 +82,23 @@ def test_nothing_is_learnt_from_slow_wheels_nor_from_fast_ones(speed):
     assert not ripple[[SINE, COSINE]].any()
 
 
+def test_ripple_beyond_a_tenth_of_the_load_is_left_in_for_the_judgement_of_the_fit():
+    for share, left_in in ((0.9, 0.0), (1.1, 1.0)):
+        ripple, basis = initial_ripple(N), np.zeros((2, N))
+        ripple[COSINE] = force = share * LARGEST * CONSTANTS.load
+        turn_wheels(ROLLERS, block([0.5, 0.0, 0.0, 0.0]), ripple, basis)
+        rho = force * CONSTANTS.forces @ basis[1]
+        before = rho.copy()
+        subtract_ripple(CONSTANTS.forces, ripple, basis, LARGEST * CONSTANTS.load, rho)
+        assert rho == pytest.approx(left_in * before, abs=1e-9)
+
+
 def test_known_ripple_of_a_slow_wheel_is_taken_out_and_that_of_a_fast_one_is_not():
     for speed, share in ((0.5, 1.0), (1.01 * FASTEST, 0.0)):
         ripple, basis, rho = initial_ripple(N), np.zeros((2, N)), np.zeros(3)
         ripple[COSINE, 0] = 2.0
         turn_wheels(ROLLERS, block([speed, 0.0, 0.0, 0.0]), ripple, basis)
-        subtract_ripple(CONSTANTS.forces, ripple, basis, rho)
+        subtract_ripple(CONSTANTS.forces, ripple, basis, np.inf, rho)
         assert rho == pytest.approx(-2.0 * share * CONSTANTS.forces[:, 0], abs=0.01)
 
 
