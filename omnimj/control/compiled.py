@@ -170,9 +170,9 @@ _DRIVES, _BRAKES, _BLOCK_IS_FULL, _DECISION_IS_DUE = range(4)  # outcomes of a s
 
 
 @kernel
-def _begin_step(parameters, record, now):
-    """Step, unless a block is full: it has to be judged before the step ends. Returns an outcome."""
-    good, full = take_reading(parameters[0], record[0], now)
+def _step(parameters, record, now, is_judged):
+    """Step, unless a block is full and not judged yet. Returns an outcome."""
+    good, full = (True, False) if is_judged else take_reading(parameters[0], record[0], now)
     if full:
         return _BLOCK_IS_FULL
     return _BRAKES if respond(parameters[0], record[0], now, good) else _DRIVES
@@ -185,11 +185,6 @@ def _judge_and_end(parameters, constants, record, evidence, now):
     if judge_block(robust, x.samples, opened(evidence[0], Evidence), x.judged, now.yaw, now.time):
         return _DECISION_IS_DUE
     return _BRAKES if respond(parameters[0], x, now, True) else _DRIVES
-
-
-@kernel
-def _end_step(parameters, record, now):
-    return _BRAKES if respond(parameters[0], record[0], now, True) else _DRIVES
 
 
 class CompiledState(NamedTuple):
@@ -295,13 +290,13 @@ class CompiledController:
         demand = Demand(float(velocity[0]), float(velocity[1]), target.yaw_rate, target.heading)
         now = Reading(m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw, demand)
         after = CompiledState(record, *state[1:])
-        outcome = _begin_step(self.parameters, record, now)
+        outcome = _step(self.parameters, record, now, False)
         if outcome == _BLOCK_IS_FULL:
             after = CompiledState(record, copied(state.memory), *state[2:])
             outcome = _judge_and_end(self.parameters, self.constants, record, after.memory, now)
             if outcome == _DECISION_IS_DUE:
                 after = self.decide(after, m.time)
-                outcome = _end_step(self.parameters, record, now)
+                outcome = _step(self.parameters, record, now, True)
         brake = shorted_wheels(record["recovery"]["brake"][0]) if outcome == _BRAKES else ()
         return CurrentCommand(record["cascade"]["current"][0], brake), after
 

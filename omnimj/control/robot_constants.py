@@ -10,12 +10,11 @@ from omnimj.control.expected_floor import ExpectedFloor, expected_floor
 from omnimj.effects.effect import AppliedEffects
 from omnimj.effects.machine import apply_effects
 from omnimj.parameters import Floor, Robot
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.effect_terms import TERM
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
 
-GRAVITY = 9.81
-"""[m/s²]"""
 CREEP_SLOPE = 2.5
 """Traction per normal force and creep, σ: nearly the same on every floor that was measured [s/m]."""
 

@@ -35,7 +35,8 @@ from omnimj.control.recovery.modes import (
     STOPPING,
 )
 from omnimj.control.recovery.tracking import Tracking, TrackingInput, update_tracking
-from omnimj.control.robot_constants import GRAVITY, RobotConstants
+from omnimj.control.robot_constants import RobotConstants
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.native import inlined, kernel
 from omnimj.signals import Array
 

@@ -9,8 +9,8 @@ import numpy as np
 from omnimj.estimate.identification.floor_fit import MU_C, MU_S, RADIUS_SCALE, SIGMA_2, V_S, FloorFit
 from omnimj.estimate.identification.records import Points
 from omnimj.estimate.identification.runs import CarriageRun
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics import carriage
-from omnimj.physics.planar import GRAVITY
 from omnimj.signals import Array
 
 _SETTLED = 0.75  # smallest deflection of a settled bristle relative to its final one

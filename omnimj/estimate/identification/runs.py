@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 from omnimj.estimate.rig_runs import ACCELERATION, AT_REST, CARRIAGE, WHEEL, RigRun
 from omnimj.parameters import Rig
 from omnimj.parameters.floor import LUGRE, TractionParameters
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics import carriage
-from omnimj.physics.planar import GRAVITY
 from omnimj.physics.rig import lateral_force, rail_friction, rig_parameters
 from omnimj.signals import Array, true_stretches
 

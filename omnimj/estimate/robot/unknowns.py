@@ -15,10 +15,11 @@ from functools import cached_property
 
 import numpy as np
 
-from omnimj.control.robot_constants import GRAVITY, robot_constants
+from omnimj.control.robot_constants import robot_constants
 from omnimj.effects.machine import apply_effects
 from omnimj.estimate.robot.balance import BalanceConstants, SensorErrors
 from omnimj.parameters import Robot
+from omnimj.parameters.parts import GRAVITY
 from omnimj.signals import Array
 
 VISCOUS_AT = 100.0

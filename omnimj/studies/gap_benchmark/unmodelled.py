@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.effect_terms import TERM
 from omnimj.signals import Array
 
-_GRAVITY = 9.81
 _FAR = 1e3  # [m] a patch up to here covers the whole rail
 _ROCKING_DAMPING = 0.08  # damping ratio of a body that rocks on its suspension
 
@@ -143,7 +143,7 @@ class UnmodelledEffect:
         """Return gravity along a bent rail [m/s²]; 0 for every other kind."""
         if self.kind != "bent_rail":
             return 0.0
-        return -_GRAVITY * math.sin(self.amplitude * self._wave(position))
+        return -GRAVITY * math.sin(self.amplitude * self._wave(position))
 
     def bend_readings(self, columns: Mapping[str, Array], position: Array) -> dict[str, Array]:
         """Return the sensor readings with this effect.

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from omnimj.control.cascade.heading import yaw_rate_gain
 from omnimj.errors import InputError
 from omnimj.parameters import Control, Floor, Robot
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.traction import load_factor
 from omnimj.signals import Array
@@ -37,7 +38,6 @@ FLOORS = ("natural_stone", "pvc", "paperboard")
 """Floors of Table 4.1; the friction laws of others have no σ."""
 AIR = "in the air"
 SPEED, YAW_RATE, HEADING = "wheel speed", "yaw rate", "heading"
-_GRAVITY = 9.81
 _LOWEST, _POINTS = 0.02, 800  # lowest frequency [Hz] and number of points of the sweep
 _SAME = 1e-9  # relative to the largest eigenvalue
 _LONGEST, _STEPS = 1.0, 250  # duration [s] and number of instants of the step response
@@ -135,7 +135,7 @@ def _impedance(floor: Floor, robot: Robot) -> Callable[[Complex], Complex]:
     """Return Z(s) of one wheel at rest [N.s/m]."""
     if floor.law != "lugre":
         raise InputError(f"floor {floor.name}", f"found law '{floor.law}'", "margins need the law 'lugre'")
-    load = robot.body.mass * _GRAVITY / len(robot.wheels)
+    load = robot.body.mass * GRAVITY / len(robot.wheels)
     load *= load_factor(floor.traction, load)
     stiffness, damping = floor.numbers["sigma_0"], floor.numbers["sigma_1"] + floor.numbers["sigma_2"]
     return lambda s: load * (stiffness / s + damping)

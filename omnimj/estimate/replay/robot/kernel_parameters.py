@@ -18,11 +18,11 @@ from omnimj.estimate.replay.base_parameters import (
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.runs import NAMES, STEP, RobotRuns
 from omnimj.parameters import Robot
+from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.signals import Array
 
 _LEAST_SCALE = 1e-3
-_GRAVITY = 9.81
 POINTS = 96
 """Points of the roller tables over one pitch."""
 
@@ -91,7 +91,7 @@ def roller_tables(robot: Robot) -> Array:
     wheel = robot.wheel
     pitch = 2.0 * np.pi / wheel.rollers_per_row
     angle = np.arange(POINTS) / POINTS * pitch
-    depth = robot.body.mass * _GRAVITY / (len(robot.wheels) * robot.contact.stiffness)
+    depth = robot.body.mass * GRAVITY / (len(robot.wheels) * robot.contact.stiffness)
     rows = np.arange(wheel.rows)
     # from the lowest point to the nearest roller of each row, shape (rows, POINTS)
     off = np.mod(angle[None, :] - rows[:, None] * pitch / wheel.rows + 0.5 * pitch, pitch) - 0.5 * pitch
@@ -117,5 +117,5 @@ def lean_shares(robot: Robot) -> tuple[float, float]:
     body = robot.body
     sprung = body.mass - len(robot.wheels) * body.unsprung_mass
     stiffness = body.suspension_stiffness * (robot.wheel_positions**2).sum(axis=0)
-    x, y = (sprung * _GRAVITY * body.com_height / stiffness).tolist()
+    x, y = (sprung * GRAVITY * body.com_height / stiffness).tolist()
     return x, y
