@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
-from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed, same_filter
+from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed, local_cubic, same_filter
 
 PERIOD = 0.002
 TIME = np.arange(600) * PERIOD
@@ -44,3 +44,12 @@ def test_the_ends_are_local_cubics():
     values = TIME**3 - TIME
     assert filtered(values, 9)[:4] == pytest.approx(values[:4], abs=1e-9)
     assert filtered_speed(values, 9, PERIOD)[-4:] == pytest.approx((3.0 * TIME**2 - 1.0)[-4:], abs=1e-6)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("width", [5, 17, 151])
+def test_a_local_cubic_is_that_of_scipy(width, order):
+    values = np.random.default_rng(width).standard_normal(151)
+    expected = np.asarray(savgol_filter(values, width, 3, deriv=order, delta=PERIOD))
+    found = local_cubic(values, width, order, PERIOD)
+    assert found == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())

@@ -12,6 +12,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from omnimj.effects import ChannelEffect
 from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.mjcf import kernels
+from omnimj.estimate.replay.mjcf.filters import local_cubic
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
     COMPLIANCE,
@@ -224,9 +225,8 @@ class Dynamics:
             for first, last, _, _ in log.stretches:
                 width = min(self._widths[j], int(last - first) - 1 | 1)
                 for order in range(3):
-                    found[order, first:last, j] = compliance[j] * savgol_filter(
-                        rigid[first:last, j], width, 3, deriv=order, delta=log.period
-                    )
+                    bent = local_cubic(rigid[first:last, j], width, order, log.period)
+                    found[order, first:last, j] = compliance[j] * bent
         return found[0], found[1], found[2]
 
     def _simulated(self, laws: Laws, stated: Mapping[Part, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:

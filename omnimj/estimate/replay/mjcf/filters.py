@@ -7,6 +7,8 @@ force T²/14 M d²q̈/dt², as if a spring of the compliance T²/(14 M) were bet
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.signal import savgol_coeffs, savgol_filter
@@ -27,6 +29,30 @@ def same_filter(width: int) -> Array:
       Shape (width,), of sum 1.
     """
     return np.convolve(_kernel(width), np.array([1.0, 10.0, 1.0]) / 12.0)
+
+
+def local_cubic(values: Array, width: int, order: int, period: float) -> Array:
+    """Derivative by local cubics, shape (n,): `savgol_filter`, whose weights are computed once.
+
+    Args:
+      values: Shape (n,).
+      width: Samples of a cubic, odd, n at most.
+      order: Order of the derivative.
+      period: Time between the samples [s].
+    """
+    weights, half = _cubic_weights(width, order, period), width // 2
+    found = np.asarray(correlate1d(values, weights[half]))
+    found[:half] = weights[:half] @ values[:width]
+    found[len(found) - half :] = weights[half + 1 :] @ values[len(values) - width :]
+    return found
+
+
+@functools.cache
+def _cubic_weights(width: int, order: int, period: float) -> Array:
+    """Weights of the samples in the derivative of their cubic at each of them, shape (width, width)."""
+    places = (np.arange(width) - width // 2) * period
+    derivatives = [np.polyval(np.polyder(np.eye(4)[k], order), places) for k in range(4)]
+    return np.asarray(np.stack(derivatives, axis=1) @ np.linalg.pinv(np.vander(places, 4)), float)
 
 
 def filtered(values: Array, width: int) -> Array:

@@ -127,7 +127,7 @@ class RigidBodies:
     def model(
         self, laws: Laws, stated: Mapping[Part, float], masses: Mapping[Part, float] | None = None
     ) -> mujoco.MjModel:
-        """Copy of the model with the masses and the gravity of a setting, without contacts and limits.
+        """Copy of the model with masses and gravity of a setting, without contacts, limits and islands.
 
         Args:
           laws: The machine under the setting.
@@ -139,7 +139,7 @@ class RigidBodies:
             masses[part] = max(masses[part] + mass - self._machine.values[part], lightest)
         model = with_masses(self._machine.mj_model, masses, laws.payloads)
         model.opt.gravity[:] = laws.gravity
-        for flag in (_OFF.mjDSBL_CONTACT, _OFF.mjDSBL_LIMIT, _OFF.mjDSBL_ACTUATION):
+        for flag in (_OFF.mjDSBL_CONTACT, _OFF.mjDSBL_LIMIT, _OFF.mjDSBL_ACTUATION, _OFF.mjDSBL_ISLAND):
             model.opt.disableflags |= int(flag)
         return model
 
