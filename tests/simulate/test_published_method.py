@@ -89,8 +89,8 @@ def driven(table, faults, plant, choice):
 def yaw_rate_of_one_gain(control):
     """Yaw loop with one gain at all frequencies, as in the source.
 
-    A slipping wheel's residual then peaks at 3.94 to 4.01 rad/s, the printed threshold is 3.9; with the shipped
-    loop the body turns less, and three of four peaks are 3.88 to 3.89.
+    A slipping wheel's residual then peaks at 3.94 to 4.01 rad/s, and the printed threshold is 3.9. With the
+    shipped loop the body turns less, and three of four peaks are 3.88 to 3.89.
     """
     return dataclasses.replace(control, yaw_rate_proportional=6.0, yaw_rate_lag=1.0)
 
