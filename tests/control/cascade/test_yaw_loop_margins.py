@@ -147,7 +147,7 @@ def test_yaw_loop_of_every_drawn_structure_stands_twice_its_gain_and_that_of_the
 
 @pytest.mark.parametrize("floor", FLOORS)
 def test_the_same_gain_for_fast_errors_makes_a_seventh_of_braking_robots_unstable(floor):
-    """What the lag is for: the loop with its former gain of 6 at all frequencies."""
-    former = {"yaw_rate_proportional": 6.0, "yaw_rate_lag": 1.0}
-    lost = [not is_stable(drawn_loop(one, floor, BRAKING, 1.0, **former)) for one in STRUCTURES]
+    """What the lag is for: the loop with a gain of 6 at all frequencies."""
+    stiff = {"yaw_rate_proportional": 6.0, "yaw_rate_lag": 1.0}
+    lost = [not is_stable(drawn_loop(one, floor, BRAKING, 1.0, **stiff)) for one in STRUCTURES]
     assert np.mean(lost) > 1.0 / 7.0
