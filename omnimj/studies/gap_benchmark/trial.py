@@ -71,9 +71,9 @@ def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, An
 
 
 def load_replay(dataset: Path) -> Replay:
-    """Load the dataset as the workflow does, with the shipped model."""
+    """Load the dataset as the workflow does, with its own model or the shipped one."""
     read = read_dataset(dataset)
-    machine = read_machine(read.plant, None)
+    machine = read_machine(read.plant, read.model)
     usable = correct_dataset(read, check_dataset(read, machine))
     return find_plant(read.plant).make_replay(usable, machine, read_floors())
 
