@@ -34,10 +34,9 @@ PRESENT = [
     ("load_friction", {"share": 0.15, "joint": "shaft"}),
     ("stribeck", {"force": 0.04, "velocity": 0.5, "joint": "shaft"}),
     ("actuator_lag", {"time_constant": 0.02, "actuator": "motor"}),
-    ("payload", {"mass": 0.05, "distance": 0.12, "body": "arm"}),
+    ("payload", {"mass": 0.1, "distance": 0.15, "body": "arm"}),
     ("asymmetric_viscous", {"difference": 0.02, "joint": "shaft"}),
     ("position_scale", {"scale": 1.05, "channel": "position:shaft"}),
-    ("back_emf", {"scale": 0.7, "actuator": "motor"}),
     ("grade", {"slope": 0.04, "axis": "y"}),
 ]
 
@@ -63,7 +62,7 @@ def test_equations_written_by_hand_move_the_true_machine_as_mujoco_does(plant, m
     assert position < 5e-4 and command < 5e-3
 
 
-@pytest.mark.parametrize(("name", "values"), representative(*PRESENT, keep=4), ids=[p[0] for p in PRESENT])
+@pytest.mark.parametrize(("name", "values"), representative(*PRESENT, keep=2), ids=[p[0] for p in PRESENT])
 def test_the_true_model_leaves_little_but_noise_in_the_logs_of_a_hidden_effect(name, values, measured):
     case, library = hiding("servo_arm", (name, values)), machine_library("servo_arm")
     truth = true_machine(case)
@@ -76,9 +75,9 @@ def test_the_true_model_leaves_little_but_noise_in_the_logs_of_a_hidden_effect(n
     hidden_candidate(replay, case.hidden[0])
     left, empty = (true_heldout(replay, effects) for effects in (case.hidden, ()))
     ratio = max(empty[channel] / left[channel] for channel in left)
-    measured("mismatch with a hidden effect over that of the true model, least [1]", 1.0 / ratio, 1.0 / 1.3)
-    assert ratio > 1.3
-    noise = {"control:motor": 0.05, "position:shaft": 1.5e-3}
+    measured("mismatch with a hidden effect over that of the true model, least [1]", 1.0 / ratio, 0.5)
+    assert ratio > 2.0
+    noise = {"control:motor": 0.07, "position:shaft": 1.5e-3}
     for channel, limit in noise.items():
         measured(f"mismatch of the true model, {channel}", left[channel], limit)
         assert left[channel] < limit
@@ -126,5 +125,5 @@ def test_the_truth_of_an_effect_counts_the_error_of_the_same_quantity_in_the_bas
 def test_a_machine_of_the_benchmark_is_shipped_or_a_file():
     for name in SHIPPED:
         assert benchmark_plant(name).makers == ("twin",)
-    with pytest.raises(UnknownNameError, match=r"--plant.*'servo'.*quarter_rig, servo_arm.*PATH/NAME\.xml"):
+    with pytest.raises(UnknownNameError, match=r"--plant.*'servo'.*choices: PATH/NAME\.xml,.*servo_arm"):
         benchmark_plant("servo")
