@@ -30,7 +30,7 @@ PERIOD = 0.005
 STEP = 1e-4
 """Step of the simulation [s]."""
 _SECONDS = 8.0
-_BANDWIDTH = 12.0  # of the position loop [rad/s]
+_BANDWIDTH, _HOLD = 12.0, 30.0  # of the position loop: [rad/s], and least stiffness over dry friction / range
 _SWING, _STROKE = 1.0, 0.12  # half ranges of hinges and slides without a range of their own [rad, m]
 _OF_RANGE = 0.4  # half range over that of the joint
 _SLOW, _FAST, _SHARE = (0.25, 0.6), (0.9, 2.0), 0.2  # the two sines [Hz], and the amplitude of the faster one
@@ -136,7 +136,9 @@ def machine_loop(machine: Machine) -> MachineLoop:
         if m.jnt_limited[j]:
             low, high = m.jnt_range[j]
             middle[j], half[j] = 0.5 * (low + high), min(half[j], _OF_RANGE * (high - low))
-    loop = Loop(nominal.joints, inertia * _BANDWIDTH**2, 2.0 * inertia * _BANDWIDTH)
+    dry = np.array([own.dry for own in nominal.joints])
+    stiffness = np.maximum(inertia * _BANDWIDTH**2, _HOLD * dry / half)  # friction must not hold the joint
+    loop = Loop(nominal.joints, stiffness, 2.0 * np.sqrt(stiffness * inertia))
     return MachineLoop(machine, loop, middle, half)
 
 
