@@ -22,8 +22,9 @@ from omnimj.estimate.threads import map_in_threads
 from omnimj.signals import Array
 
 TRIAL_STEP = 0.25
-"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative. An effect with
-a threshold is tried at its full size."""
+"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative."""
+_THRESHOLDS = (1.0, 2.0, 2.75)
+"""Trial steps of an effect with a threshold: a limit that is seldom reached tells nothing of a lower one."""
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 
@@ -36,6 +37,8 @@ class ScreenedCandidate:
     share: float
     start: Array
     """Starting values of base, α, present effects and this effect, shape (parameters + own,)."""
+    step: float = TRIAL_STEP
+    """Trial step that explains most, as a share of the typical size."""
 
     @property
     def shape(self) -> dict[int, float]:
@@ -56,12 +59,32 @@ def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
     return shapes
 
 
+def trial_steps(candidate: CandidateEffect) -> list[float]:
+    """Trial steps of an effect as shares of its typical size, the first of them in any case."""
+    if not candidate.has_threshold:
+        return [TRIAL_STEP]
+
+    def is_inside(share: float) -> bool:
+        for s in candidate.parameters:
+            null = s.null_value
+            if null is not None and not s.low <= null + share * (s.typical - null) <= s.high:
+                return False
+        return True
+
+    return [share for share in _THRESHOLDS if share == _THRESHOLDS[0] or is_inside(share)]
+
+
 def vanished_point(
-    candidate: CandidateEffect, shape: dict[int, float]
+    candidate: CandidateEffect, shape: dict[int, float], share: float
 ) -> tuple[Array, list[tuple[int, float]]]:
-    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
+    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these.
+
+    Args:
+      candidate: The effect.
+      shape: Its shape parameters, as index → value.
+      share: One of `trial_steps`.
+    """
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
-    share = 1.0 if candidate.has_threshold else TRIAL_STEP
     steps = []
     for k, s in enumerate(candidate.parameters):
         if s.null_value is None:
@@ -87,10 +110,18 @@ class TrialColumns:
 
 
 def trial_columns(
-    problem: Problem, current: Fit, candidate: CandidateEffect, shape: dict[int, float]
+    problem: Problem, current: Fit, candidate: CandidateEffect, shape: dict[int, float], share: float
 ) -> TrialColumns:
-    """Sensitivities of the mismatch to one more effect in one shape, by a simulation for each trial step."""
-    at, steps = vanished_point(candidate, shape)
+    """Sensitivities of the mismatch to one more effect in one shape, by a simulation for each trial step.
+
+    Args:
+      problem: The data.
+      current: The model so far, fitted.
+      candidate: The effect.
+      shape: Its shape parameters, as index → value.
+      share: One of `trial_steps`.
+    """
+    at, steps = vanished_point(candidate, shape, share)
     points = []
     for k, step in steps:
         own = at.copy()
@@ -118,10 +149,10 @@ def screen_candidates(
 
     def screened(candidate: CandidateEffect) -> ScreenedCandidate:
         options = []
-        for shape in trial_shapes(candidate):
-            trial = trial_columns(problem, current, candidate, shape)
+        for shape, step in itertools.product(trial_shapes(candidate), trial_steps(candidate)):
+            trial = trial_columns(problem, current, candidate, shape, step)
             both = _with_columns(sums, known, trial.columns * weight[:, None])
-            options.append(bounded_share(problem, current, [trial], both))
+            options.append((*bounded_share(problem, current, [trial], both), step))
         return ScreenedCandidate(candidate, *max(options, key=lambda option: option[0]))
 
     return sorted(map_in_threads(screened, candidates), key=lambda s: -s.share)
