@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,6 +40,9 @@ PRESENT = [
     ("position_scale", {"scale": 1.05, "channel": "position:shaft"}),
     ("grade", {"slope": 0.04, "axis": "y"}),
 ]
+
+
+MACHINES = Path(__file__).parents[2] / "data" / "machines"
 
 
 def hiding(plant="servo_arm", *effects: tuple[str, dict], maker=MUJOCO):
@@ -127,3 +131,17 @@ def test_a_machine_of_the_benchmark_is_shipped_or_a_file():
         assert benchmark_plant(name).makers == ("twin",)
     with pytest.raises(UnknownNameError, match=r"--plant.*'servo'.*choices: PATH/NAME\.xml,.*servo_arm"):
         benchmark_plant("servo")
+
+
+@pytest.mark.parametrize("name", representative("cart_pole", "pan_tilt", "gripper", "leg", "arm7"))
+def test_every_joint_of_a_machine_moves_and_follows_its_plan_where_it_is_driven(name):
+    library = machine_library(str(MACHINES / f"{name}.xml"))
+    moving = {c.selectors["joint"] for c in library.candidates if c.effect == "viscous"}
+    assert moving == set(library.machine.joints)
+    plan = library.loop.plan(2)
+    truth = true_machine(hiding(str(MACHINES / f"{name}.xml")))
+    rows = simulated_rows(truth, library.loop.loop, plan)
+    for j, drive in enumerate(truth.drives):
+        if drive is not None:
+            travel = float(np.ptp(plan.goal[:, j]))
+            assert np.abs(rows[:, 0, j] - plan.goal[:-1, j]).max() < 0.05 * travel
