@@ -300,13 +300,15 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
     words = "hide effects drawn by --seed, search blind, score; an interrupted --out is resumed"
     group.add_argument("--benchmark", action="store_true", help=words)
     count = whole_number(1, 1000)
-    words = "repetitions of the set of 248 cases (default 1)"
+    words = "repetitions of the set of cases, 248 of the rig or 60 of another machine (default 1)"
     group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
     words = "only the first N cases, which are in random order"
     group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)
-    words = "plant that makes the data: twin (default), or planar, which is faster"
+    words = "plant that makes the data of the rig: twin (default), or planar, which is faster"
     group.add_argument("--made-by", metavar="M", default="twin", help=words)
-    words = "machine of the datasets (default and only one: quarter_rig)"
+    words = (
+        "machine of the datasets: quarter_rig (default), servo_arm, two_link_arm, linear_axis or an MJCF file"
+    )
     group.add_argument("--plant", metavar="P", default="quarter_rig", help=words)
 
 

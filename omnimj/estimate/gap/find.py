@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -159,13 +160,14 @@ class _CountingReplay:
     """Replay that counts its simulations."""
 
     def __init__(self, replay: Replay):
-        self._replay, self.count = replay, 0
+        self._replay, self.count, self._lock = replay, 0, threading.Lock()
 
     def __getattr__(self, name: str):
         return getattr(self._replay, name)
 
     def simulate(self, settings: Sequence) -> list[Array]:
-        self.count += len(settings)
+        with self._lock:
+            self.count += len(settings)
         return self._replay.simulate(settings)
 
 

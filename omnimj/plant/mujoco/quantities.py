@@ -312,6 +312,9 @@ def _add_point(m: mujoco.MjModel, payload: Payload) -> None:
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(vectors).ravel())
     m.body_mass[k], m.body_ipos[k] = total, centre
     m.body_inertia[k], m.body_iquat[k] = np.maximum(principal, 1e-12), quaternion
+    # its inertial frame is no longer that of the body, so MuJoCo's short cuts for such bodies do not hold
+    m.body_simple[k] = m.body_sameframe[k] = 0
+    m.dof_simplenum[:] = 0
 
 
 def tilted_gravity(gravity: Array, tilt: Mapping[str, float]) -> Array:

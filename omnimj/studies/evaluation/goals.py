@@ -131,7 +131,7 @@ def _at_most(
     remark: str = "",
 ) -> GoalResult:
     met = None if value is None or most is None else value <= most
-    goal = "" if most is None else f"≤ {most:g}{unit}"
+    goal = "" if most is None else f"≤ {most:.3g}{unit}"
     return GoalResult(measure, unit, goal, value, None, None, count, counted, met, True, remark)
 
 

@@ -97,8 +97,8 @@ def result_tables(summary: Summary) -> list[Table]:
 
 
 def _goals(summary: Summary) -> Table:
-    """Return the table of goals; it includes measured figures without a goal."""
-    rows = [format_goal(one) for one in judge_goals(summary) if one.goal or one.value is not None]
+    """Return the table of goals that a case was driven for; it includes measured figures without a goal."""
+    rows = [format_goal(one) for one in judge_goals(summary) if one.count]
     return Table("Goals", ("measure", "goal", "measured", "n", "met"), tuple(rows))
 
 

@@ -1,9 +1,12 @@
 """Blind benchmark of the gap workflow on datasets with hidden effects.
 
 `study`      configuration, `run_benchmark`, result
-`cases`      hidden effects in three sizes, alone and together
+`plants`     the machines: the rig, and any machine with an MJCF file
+`cases`      hidden effects of the rig in three sizes, alone and together
 `unmodelled` effects outside the library, and deviations of a machine from its equations
 `datasets`   recordings of the true rig
+`machine_cases`  hidden effects of any other machine, and its datasets
+`machine_truth`  its true laws; `machine_drive` its recordings by MuJoCo, `hand_equations` by scipy
 `seal`       the truth under seal until scoring
 `trial`      blind search of a dataset, baselines on the same data, and the fit of the true model
 `scoring`    score of one case

@@ -27,11 +27,15 @@ TUNING_SEEDS = range(10)
 FLOORS = ("natural_stone", "pvc", "paperboard")
 """Floors of the runs."""
 
+FOREIGN = 1 / 3
+"""Share of the cases whose machine deviates from the equations."""
+DEVIATION = (0.5, 1.5)
+"""Range of the size of a deviation, relative to the noticeable one."""
+WITHIN = 0.8
+"""Share of the stated half-width within which true parameters lie."""
+
 _NULL, _PAIRS, _TRIPLES = 60, 56, 28  # numbers of cases per trial
-_FOREIGN = 1 / 3  # share of the cases whose machine deviates from the equations
 _ABSENT = 2  # cases per trial of each effect that the model has and the machine lacks
-_DEVIATION = (0.5, 1.5)  # range of its size, relative to the noticeable one
-_WITHIN = 0.8  # share of the stated half-width within which true parameters lie
 _ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
 """Effects that only add friction: the nominal rig has little that could be removed."""
 _ALIKE = (
@@ -75,6 +79,10 @@ class Case:
     """True values of the parameters that the model declares uncertain."""
     seed: int
     """Seed of the runs and of the sensor noise."""
+    plant: str = RIG
+    """Machine of the datasets."""
+    maker: str = ""
+    """What makes the dataset, where the case decides it."""
 
     @property
     def unmodelled(self) -> tuple[UnmodelledEffect, ...]:
@@ -92,7 +100,7 @@ def case_from_dict(plain: Mapping[str, Any]) -> Case:
     outside, structure = (
         None if plain[key] is None else UnmodelledEffect(**plain[key]) for key in ("outside", "structure")
     )
-    return Case(plain["name"], plain["kind"], hidden, outside, structure, plain["base"], plain["seed"])
+    return Case(**{**plain, "hidden": hidden, "outside": outside, "structure": structure})
 
 
 def draw_cases(seed: int, trials: int = 1) -> list[Case]:
@@ -119,9 +127,9 @@ def draw_cases(seed: int, trials: int = 1) -> list[Case]:
 
 def _draw_structure(random: np.random.Generator) -> UnmodelledEffect | None:
     """Draw a deviation of the machine from the equations, or none."""
-    if random.random() >= _FOREIGN:
+    if random.random() >= FOREIGN:
         return None
-    return draw_unmodelled(str(random.choice(list(STRUCTURES))), float(random.uniform(*_DEVIATION)), random)
+    return draw_unmodelled(str(random.choice(list(STRUCTURES))), float(random.uniform(*DEVIATION)), random)
 
 
 def _absent_effects() -> dict[str, dict[str, float]]:
@@ -209,6 +217,6 @@ def _true_base(boxes: Sequence[BaseParameter], random: np.random.Generator) -> d
     """Draw true values of the uncertain parameters of the shipped model, inside their boxes."""
     found = {}
     for p in boxes:
-        half = 0.5 * _WITHIN * (p.high - p.low)
+        half = 0.5 * WITHIN * (p.high - p.low)
         found[p.name] = float(np.clip(p.nominal + half * random.uniform(-1.0, 1.0), p.low, p.high))
     return found

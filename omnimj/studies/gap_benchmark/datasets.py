@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -15,19 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.effects import with_effects
+from omnimj.effects import RIG, with_effects
 from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
 from omnimj.parameters import Rig, read_floors, read_rig
 from omnimj.plant.interface import RIG_CHANNELS, Plant
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Run
-from omnimj.recording.write_dataset import write_dataset
+from omnimj.recording.dataset_file import DATASET_FILE
+from omnimj.recording.write_dataset import toml_text, write_dataset
 from omnimj.signals import Array, CurrentCommand
 from omnimj.simulate.driving import drive_rig
 from omnimj.simulate.loop import require_complete
 from omnimj.simulate.suites.rig import samples_on_rail
-from omnimj.studies.gap_benchmark.cases import FLOORS, Case
+from omnimj.studies.gap_benchmark.cases import FLOORS, Case, HiddenEffect
 from omnimj.studies.gap_benchmark.unmodelled import Motion, RunContext, UnmodelledEffect
 
 _REST = 0.1  # [s] without current at the start, in which the accelerometer shows its offset
@@ -114,7 +115,6 @@ def current_profile(profile: str, size: float, seconds: float, rate: float) -> A
 
 MAKERS = ("twin", "planar")
 """Plants that make the datasets, the default first."""
-PLANT = "quarter_rig"
 
 
 def make_dataset(
@@ -132,9 +132,28 @@ def make_dataset(
         _recorded(case, truth, planned, k, made_by)
         for k, planned in enumerate(planned_runs(nominal, case.seed, seconds, conditions))
     ]
+    write_whole_dataset(folder, RIG, runs)
+
+
+def write_whole_dataset(folder: Path, plant: str, runs: Sequence[Run], model: Path | None = None) -> None:
+    """Write a dataset whose folder appears in full or not at all.
+
+    Args:
+      folder: Folder of the dataset.
+      plant: Its plant.
+      runs: Its runs.
+      model: MJCF file of the machine, which the dataset names; none when None.
+
+    Raises:
+      InputError: The folder cannot be written.
+    """
     unfinished = folder.with_name(f".{folder.name}")
     shutil.rmtree(unfinished, ignore_errors=True)
-    write_dataset(unfinished, PLANT, {}, runs)
+    write_dataset(unfinished, plant, {}, runs)
+    if model is not None:
+        file = unfinished / DATASET_FILE
+        text = f"model = {toml_text(str(model.resolve()))}\n{file.read_text(encoding='utf-8')}"
+        file.write_text(text, encoding="utf-8")
     unfinished.replace(folder)
 
 
@@ -222,3 +241,28 @@ class DisturbedPlant:
     def close(self) -> None:
         """Close the rig."""
         self._plant.close()
+
+
+def true_values(hidden: HiddenEffect, case: Case) -> dict[str, float]:
+    """Return the true values relative to the nominal model: hidden values plus parameter errors of the base.
+
+    The errors matter where the base has the same quantity: torque constant, wheel radius, rail friction,
+    load, traction.
+    """
+    rig = read_rig()
+    true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}
+    base = case.base
+    if hidden.effect == "torque_constant":
+        true["scale"] *= base["motor.torque_constant"] / rig.motor.torque_constant
+    elif hidden.effect == "wheel_radius":
+        true["scale"] *= base["wheel.radius"] / rig.wheel.radius
+    elif hidden.effect == "rail_coulomb":
+        true["force"] += base["rig.rail_friction"] - rig.rig.rail_friction
+    elif hidden.effect == "payload":
+        loads = [run.mass for run in planned_runs(rig, case.seed)]
+        true["mass"] += (base["mass.scale"] - 1.0) * sum(loads) / len(loads)
+    elif hidden.effect == "floor_traction":
+        for letter in true:
+            scales = [base.get(f"{floor}.{letter}", 1.0) for floor in FLOORS]
+            true[letter] *= sum(scales) / len(scales)
+    return true

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from omnimj.effects import RIG, effects_of
-from omnimj.parameters import read_rig
-from omnimj.studies.gap_benchmark.cases import FLOORS, SIZES, Case, HiddenEffect
-from omnimj.studies.gap_benchmark.datasets import planned_runs
+from omnimj.effects import EffectParameter, effects_of
+from omnimj.effects.mjcf import NO_LIMIT
+from omnimj.studies.gap_benchmark.cases import SIZES, Case
+from omnimj.studies.gap_benchmark.plants import benchmark_plant
 from omnimj.studies.gap_benchmark.unmodelled import KINDS
 
 VISIBLE = 1.2
@@ -31,7 +31,7 @@ class ParameterScore:
     low: float | None
     high: float | None
     error: float | None
-    """|value − true| over the size of the effect; None for a shape."""
+    """|value − true| over the hidden amplitude; None for a shape and for an amplitude that was not hidden."""
     inside: bool | None
     """True if the true value lies in the stated 90 % interval; None without one."""
 
@@ -194,40 +194,22 @@ def _size_of_outside(case: Case) -> tuple[str, ...]:
 
 def _parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> Iterable[ParameterScore]:
     """Yield the parameter scores of every hidden effect that is named."""
+    plant = benchmark_plant(case.plant)
     for one in case.hidden:
         found = next((e for e in effects if _label(e) == one.label), None)
         if found is None:
             continue
-        true = relative_to_nominal(one, case)
-        for p in effects_of(RIG)[one.effect].parameters:
+        true = plant.true_values(one, case)
+        for p in effects_of(plant.library)[one.effect].parameters:
             fitted, planted = found["parameters"][p.name], float(one.values[p.name])
             low, high = fitted["low"], fitted["high"]
             inside = None if low is None or high is None else bool(low <= true[p.name] <= high)
-            size = 0.0 if p.null_value is None else SIZES[one.size] * abs(p.typical - p.null_value)
+            size = 0.0 if p.null_value is None else _amplitude(planted, p)
             error = abs(fitted["value"] - true[p.name]) / size if size else None
             yield ParameterScore(p.name, true[p.name], planted, fitted["value"], low, high, error, inside)
 
 
-def relative_to_nominal(hidden: HiddenEffect, case: Case) -> dict[str, float]:
-    """Return the true values relative to the nominal model: hidden values plus parameter errors of the base.
-
-    The errors matter where the base has the same quantity: torque constant, wheel radius, rail friction,
-    load, traction.
-    """
-    rig = read_rig()
-    true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}
-    base = case.base
-    if hidden.effect == "torque_constant":
-        true["scale"] *= base["motor.torque_constant"] / rig.motor.torque_constant
-    elif hidden.effect == "wheel_radius":
-        true["scale"] *= base["wheel.radius"] / rig.wheel.radius
-    elif hidden.effect == "rail_coulomb":
-        true["force"] += base["rig.rail_friction"] - rig.rig.rail_friction
-    elif hidden.effect == "payload":
-        loads = [run.mass for run in planned_runs(rig, case.seed)]
-        true["mass"] += (base["mass.scale"] - 1.0) * sum(loads) / len(loads)
-    elif hidden.effect == "floor_traction":
-        for letter in true:
-            scales = [base.get(f"{floor}.{letter}", 1.0) for floor in FLOORS]
-            true[letter] *= sum(scales) / len(scales)
-    return true
+def _amplitude(planted: float, parameter: EffectParameter) -> float:
+    """Return the hidden size of an amplitude; that of a limit is its own value."""
+    null = parameter.null_value or 0.0
+    return abs(planted) if null >= NO_LIMIT else abs(planted - null)

@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
+from omnimj.effects import RIG
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.json_files import to_jsonable, write_json, write_text
 from omnimj.studies.gap_benchmark import trial
-from omnimj.studies.gap_benchmark.cases import TUNING_SEEDS, Case, case_from_dict, draw_cases
-from omnimj.studies.gap_benchmark.datasets import MAKERS, PLANT, make_dataset
+from omnimj.studies.gap_benchmark.cases import TUNING_SEEDS, Case, case_from_dict
+from omnimj.studies.gap_benchmark.plants import benchmark_plant, make_dataset
 from omnimj.studies.gap_benchmark.scoring import CaseScore, score_case
 from omnimj.studies.gap_benchmark.seal import is_sealed, open_seal, seal, seals_labels
 from omnimj.studies.gap_benchmark.summary import (
@@ -51,13 +52,14 @@ class BenchmarkConfig:
     cases: int | None = None
     """Number of cases to run, the first in a random order; all when None."""
     made_by: str = "twin"
-    """Plant that makes the datasets, one of `datasets.MAKERS`."""
+    """What makes the datasets, one of the machine's `makers`."""
     workers: int = 1
-    plant: str = PLANT
+    plant: str = RIG
+    """Machine of the datasets: `quarter_rig`, a shipped MJCF machine, or the path of an MJCF file."""
     seconds: float = 1.8
-    """Duration of a run [s]."""
+    """Duration of a run of the rig [s]."""
     conditions: int = 12
-    """Number of conditions per dataset."""
+    """Number of conditions per dataset of the rig."""
 
     def plan(self) -> dict[str, Any]:
         """Return the settings that stored results depend on."""
@@ -101,11 +103,10 @@ class _Benchmark:
 
     def prepare(self) -> None:
         config = self.config
-        if config.made_by not in MAKERS:
-            raise UnknownNameError("--made-by", "maker of datasets", config.made_by, MAKERS)
-        if config.plant != PLANT:
-            raise UnknownNameError("--plant", "plant of the benchmark", config.plant, (PLANT,))
-        cases = draw_cases(config.seed, config.trials)
+        plant = benchmark_plant(config.plant)
+        if config.made_by not in plant.makers:
+            raise UnknownNameError("--made-by", "maker of datasets", config.made_by, plant.makers)
+        cases = plant.draw(config.seed, config.trials)
         labels = [case.to_dict() for case in cases]
         folder = StudyFolder(config.out, PLAN, "a benchmark", (), can_replace=False)
         if not folder.claim(config.plan()):
@@ -152,10 +153,17 @@ class _Benchmark:
         scores = [score_case(labels[name], result, truths.get(name)) for name, result in results.items()]
         summary = summarize(scores)
         tables = tuple(result_tables(summary))
-        lines = tuple(summary_sentences(config.seed, config.made_by, len(scores), len(names), len(errors)))
+        lines = tuple(summary_sentences(config.seed, _origin(config), len(scores), len(names), len(errors)))
         write_json(config.out / NUMBERS, to_jsonable(_content(config, summary, scores, errors, interrupted)))
         write_text(config.out / TEXT, format_markdown(HEADING, lines, (*tables, case_table(scores))))
         return BenchmarkResult(summary, lines, tables, interrupted, len(errors))
+
+
+def _origin(config: BenchmarkConfig) -> str:
+    """Return what made the datasets, for a sentence."""
+    if config.plant == RIG:
+        return f"the {config.made_by} model of the rig through its sensors"
+    return f"MuJoCo in fine steps, or by equations written by hand, of the machine {Path(config.plant).stem}"
 
 
 def _content(

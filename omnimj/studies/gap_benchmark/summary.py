@@ -295,8 +295,8 @@ def _format_seconds(summary: Summary) -> str:
     return "–" if summary.seconds is None else f"{summary.seconds[0]:.0f} s, {summary.seconds[1]:.0f} s"
 
 
-def summary_sentences(seed: int, made_by: str, scored: int, planned: int, failed: int) -> list[str]:
-    """Return sentences on the origin of the numbers."""
+def summary_sentences(seed: int, origin: str, scored: int, planned: int, failed: int) -> list[str]:
+    """Return sentences on the origin of the numbers; `origin` says what made the datasets."""
     judged = (
         f"Seed {seed} was used to tune the method (0–9): **these numbers do not judge it**."
         if seed in TUNING_SEEDS
@@ -304,8 +304,8 @@ def summary_sentences(seed: int, made_by: str, scored: int, planned: int, failed
     )
     lines = [
         judged,
-        f"{scored} of {planned} datasets, made by the {made_by} model of the rig through its sensors, its "
-        "parameters within the stated uncertainty of their nominal values.",
+        f"{scored} of {planned} datasets, made by {origin}, its parameters within the stated uncertainty of "
+        "their nominal values.",
         "Rates with Wilson 95 % bounds and sample size. Mismatch: that of the refitted base, in units of "
         f"noise. An effect is visible if without it, the others being known, the mismatch is {VISIBLE} times "
         "that of the true model.",

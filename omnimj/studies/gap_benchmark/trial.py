@@ -22,7 +22,7 @@ from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
-from omnimj.estimate.gap.search.screening import TRIAL_STEP, screen_candidates, trial_columns
+from omnimj.estimate.gap.search.screening import screen_candidates, trial_columns
 from omnimj.estimate.gap.search.search import fit_base, refit
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
@@ -71,9 +71,9 @@ def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, An
 
 
 def load_replay(dataset: Path) -> Replay:
-    """Load the dataset as the workflow does, with the shipped model."""
+    """Load the dataset as the workflow does, with its own model or the shipped one."""
     read = read_dataset(dataset)
-    machine = read_machine(read.plant, None)
+    machine = read_machine(read.plant, read.model)
     usable = correct_dataset(read, check_dataset(read, machine))
     return find_plant(read.plant).make_replay(usable, machine, read_floors())
 
@@ -201,8 +201,8 @@ def linearize(
     channels = len(problem.replay.channels)
     columns, labels = [base.jacobian], []
     for found in screen_candidates(problem, base, list(problem.replay.candidates), used):
-        trial = trial_columns(problem, base, found.candidate, found.shape)
-        columns.append(trial.columns / TRIAL_STEP)
+        trial = trial_columns(problem, base, found.candidate, found.shape, found.step)
+        columns.append(trial.columns / found.step)
         labels += [found.candidate.label] * len(trial.steps)
     fold = np.full(len(used), -1)
     for k, rows in enumerate(folds):

@@ -4,9 +4,11 @@ import pytest
 from servo_logs import SERVO
 
 from omnimj.effects import Interval
+from omnimj.effects.parts import Payload
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.plant.mujoco.machine_writer import new_machine_files
+from omnimj.plant.mujoco.quantities import with_masses
 
 BODY = '<body name="b"><joint name="j"{joint}/><geom size="0.1"/>{more}</body>'
 
@@ -162,3 +164,18 @@ def test_a_motor_with_a_resistance_states_its_constant(tmp_path):
     with pytest.raises(UnknownNameError):
         machine.file.with_suffix(".toml").write_text("[uncertain.actuator.a]\nback_emf = {}")
         read_machine_file(machine.file)
+
+
+def test_a_payload_on_a_body_whose_frame_is_its_inertial_one_adds_its_mass_to_the_slide(tmp_path):
+    file = tmp_path / "finger.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="finger"><joint name="slide" type="slide" axis="1 0 0"/>'
+        '<geom name="pad" type="box" size=".01 .02 .04" mass=".12"/></body></worldbody></mujoco>'
+    )
+    machine = read_machine_file(file)
+    loaded = with_masses(machine.mj_model, machine.values, [Payload("finger", 0.2, 0.05)])
+    data = mujoco.MjData(loaded)
+    mujoco.mj_setConst(loaded, data)
+    data.qfrc_applied[0] = 1.0
+    mujoco.mj_forward(loaded, data)
+    assert data.qacc[0] == pytest.approx(1.0 / 0.32)

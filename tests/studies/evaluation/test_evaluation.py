@@ -237,7 +237,9 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["plan"]["trials"] == 4
-    measures = [one["measure"] for one in found["goals"] if one["goal"]]
+    measures = [one["measure"] for one in found["goals"] if one["goal"] and one["count"]]
+    idle = [one["measure"] for one in found["goals"] if not one["count"]]
+    assert idle and not any(measure in text for measure in idle for text in (printed, html.unescape(page)))
     assert measures and all(
         measure in text for measure in measures for text in (printed, html.unescape(page))
     )

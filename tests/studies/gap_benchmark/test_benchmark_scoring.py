@@ -13,7 +13,8 @@ from omnimj.effects import RIG, effects_of
 from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.parameters import read_floors, read_rig
 from omnimj.studies.gap_benchmark.cases import FLOORS, HiddenEffect
-from omnimj.studies.gap_benchmark.scoring import relative_to_nominal, score_case
+from omnimj.studies.gap_benchmark.datasets import true_values
+from omnimj.studies.gap_benchmark.scoring import score_case
 from omnimj.studies.gap_benchmark.summary import summarize
 from omnimj.studies.gap_benchmark.trial import LinearModel, forward_selection, sparse_regression
 from omnimj.studies.gap_benchmark.unmodelled import UnmodelledEffect
@@ -136,12 +137,12 @@ def test_a_parameter_is_right_when_its_interval_holds_the_truth_and_its_error_is
 def test_the_truth_of_a_parameter_holds_what_the_base_is_off():
     case = hiding(base={**NOMINAL, "motor.torque_constant": 0.0408, "rig.rail_friction": 0.314})
     motor = HiddenEffect("torque_constant", {"scale": 0.9}, "clear")
-    assert relative_to_nominal(motor, case)["scale"] == pytest.approx(0.9 * 1.02)
+    assert true_values(motor, case)["scale"] == pytest.approx(0.9 * 1.02)
     dry = HiddenEffect("rail_coulomb", {"force": 0.7}, "clear")
-    assert relative_to_nominal(dry, case)["force"] == pytest.approx(0.71)
+    assert true_values(dry, case)["force"] == pytest.approx(0.71)
     load = HiddenEffect("payload", {"mass": 0.35}, "clear")
-    assert relative_to_nominal(load, case)["mass"] == pytest.approx(0.35)
-    assert relative_to_nominal(VISCOUS, case) == {"coefficient": 3.0}
+    assert true_values(load, case)["mass"] == pytest.approx(0.35)
+    assert true_values(VISCOUS, case) == {"coefficient": 3.0}
 
 
 def test_the_held_out_gap_is_compared_with_the_true_models_on_one_scale():

@@ -13,6 +13,7 @@ from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_los
 from omnimj.estimate.gap.search.screening import ScreenedCandidate
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit
+from omnimj.estimate.threads import map_in_threads
 from omnimj.signals import Array
 
 MARGIN = 0.02
@@ -93,12 +94,11 @@ def refine_leaders(
     """Complete the fits of the leaders; the others keep their first fit."""
     total = [float(t.losses.sum()) for t in tried]
     reach = _OUT_OF_REACH * min(total, default=0.0)
-    done = list(tried)
-    for k in sorted(range(len(tried)), key=total.__getitem__)[:_LEADERS]:
-        if total[k] > reach:
-            break
-        done[k] = _completed(current, screened[k], tried[k])
-    return done
+    leaders = sorted(range(len(tried)), key=total.__getitem__)[:_LEADERS]
+    leaders = [k for k in leaders if total[k] <= reach]
+    fits = map_in_threads(lambda k: _completed(current, screened[k], tried[k]), leaders)
+    completed = dict(zip(leaders, fits, strict=True))
+    return [completed.get(k, first) for k, first in enumerate(tried)]
 
 
 def _completed(current: CurrentModel, screened: ScreenedCandidate, first: FittedCandidate) -> FittedCandidate:

@@ -14,7 +14,7 @@ import numpy as np
 
 from omnimj.estimate.gap.search.candidates import exceeds_margin, fit_without, parameter_slice
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
-from omnimj.estimate.gap.search.screening import trial_shapes, vanished_point
+from omnimj.estimate.gap.search.screening import trial_shapes, trial_steps, vanished_point
 from omnimj.estimate.least_squares import normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, huber_weights
@@ -94,7 +94,7 @@ def _full_model(problem: Problem, base: Fit, split: TrainingSplit) -> Fit:
 
 def _trial_point(candidate: CandidateEffect) -> Array:
     """Parameters of a candidate, a trial step beyond where it vanishes."""
-    at, steps = vanished_point(candidate, trial_shapes(candidate)[0])
+    at, steps = vanished_point(candidate, trial_shapes(candidate)[0], trial_steps(candidate)[0])
     for k, step in steps:
         at[k] += step
     return at

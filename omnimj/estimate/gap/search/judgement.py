@@ -28,10 +28,16 @@ from omnimj.estimate.gap.search.candidates import (
     without_amplitudes,
 )
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, paired_t
-from omnimj.estimate.gap.search.screening import ScreenedCandidate, curve_gains, screen_candidates
+from omnimj.estimate.gap.search.screening import (
+    ScreenedCandidate,
+    curve_columns,
+    curve_gains,
+    screen_candidates,
+)
 from omnimj.estimate.gap.search.selection import MAX_FALSE_RATE, decoy_p_value, effective_share
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
+from omnimj.estimate.threads import map_in_threads
 from omnimj.signals import Array
 
 _MOST_RIVALS = 6  # candidates fitted in the place of an effect
@@ -131,13 +137,13 @@ def _judge_all(
     problem: Problem, model: Fit, split: TrainingSplit, may_exchange: bool
 ) -> tuple[Fit, list[SelectedEffect], bool]:
     """Judge every effect; the model, its effects, and True if one was exchanged, which ends the pass."""
-    named = []
+    named, curves = [], curve_columns(problem, model)
     for candidate in model.effects:
         place = _fill_place(problem, model, candidate, split)
         better = _better_choice(place, candidate) if may_exchange else None
         if better is not None:
             return better.fit, [], True
-        named.append(_selected(place))
+        named.append(_selected(place, curves))
     return model, named, False
 
 
@@ -150,7 +156,7 @@ def _fill_place(problem: Problem, model: Fit, candidate: CandidateEffect, split:
     best = screened[0].share
     close = [s for s in screened if s.share >= _CLOSE * best and s.candidate.label != candidate.label]
     present = fitted_already(without, model, candidate, best)
-    others_tried = [fit_candidate(without, s) for s in close[:_MOST_RIVALS]]
+    others_tried = map_in_threads(lambda s: fit_candidate(without, s), close[:_MOST_RIVALS])
     near = [t for t in others_tried if t.losses.sum() < _NEAR * present.losses.sum()]
     starts = [s for s in close if any(s.candidate is t.candidate for t in near)]
     tried = [present, *refine_leaders(without, near, starts)]
@@ -200,11 +206,11 @@ def _is_degenerate(fitted: FittedCandidate) -> bool:
     return has_shape_at_bound(fitted.candidate, values) or bool(pinned_amplitudes(fitted.candidate, values))
 
 
-def _selected(place: _Place) -> SelectedEffect:
-    """The effect with its rivals, its gain and the random curves."""
+def _selected(place: _Place, curves: Array) -> SelectedEffect:
+    """The effect with its rivals, its gain and the random curves, by `curve_columns` of the whole model."""
     own, (problem, split) = place.own, (place.without.problem, place.without.split)
     ordered = [own, *(t for t in place.tried if t is not own)]
-    decoys = curve_gains(problem, place.without.fit, split).decoys
+    decoys = curve_gains(problem, place.without.fit, split, curves).decoys
     rivals = ambiguity_set(problem, ordered, place.share, split)
     without = training_rms(problem, place.without.fit, split)
     return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain), without)

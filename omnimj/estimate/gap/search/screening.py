@@ -18,11 +18,13 @@ from omnimj.estimate.gap.search.cross_validation import Groups, TrainingSplit
 from omnimj.estimate.least_squares import bounded_step, normal_equations, weighted_gram
 from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
+from omnimj.estimate.threads import map_in_threads
 from omnimj.signals import Array
 
 TRIAL_STEP = 0.25
-"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative. An effect with
-a threshold is tried at its full size."""
+"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative."""
+_THRESHOLDS = (1.0, 2.0, 2.75)
+"""Trial steps of an effect with a threshold: a limit that is seldom reached tells nothing of a lower one."""
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 
@@ -35,6 +37,8 @@ class ScreenedCandidate:
     share: float
     start: Array
     """Starting values of base, α, present effects and this effect, shape (parameters + own,)."""
+    step: float = TRIAL_STEP
+    """Trial step that explains most, as a share of the typical size."""
 
     @property
     def shape(self) -> dict[int, float]:
@@ -55,12 +59,32 @@ def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
     return shapes
 
 
+def trial_steps(candidate: CandidateEffect) -> list[float]:
+    """Trial steps of an effect as shares of its typical size, the first of them in any case."""
+    if not candidate.has_threshold:
+        return [TRIAL_STEP]
+
+    def is_inside(share: float) -> bool:
+        for s in candidate.parameters:
+            null = s.null_value
+            if null is not None and not s.low <= null + share * (s.typical - null) <= s.high:
+                return False
+        return True
+
+    return [share for share in _THRESHOLDS if share == _THRESHOLDS[0] or is_inside(share)]
+
+
 def vanished_point(
-    candidate: CandidateEffect, shape: dict[int, float]
+    candidate: CandidateEffect, shape: dict[int, float], share: float
 ) -> tuple[Array, list[tuple[int, float]]]:
-    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
+    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these.
+
+    Args:
+      candidate: The effect.
+      shape: Its shape parameters, as index → value.
+      share: One of `trial_steps`.
+    """
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
-    share = 1.0 if candidate.has_threshold else TRIAL_STEP
     steps = []
     for k, s in enumerate(candidate.parameters):
         if s.null_value is None:
@@ -86,10 +110,18 @@ class TrialColumns:
 
 
 def trial_columns(
-    problem: Problem, current: Fit, candidate: CandidateEffect, shape: dict[int, float]
+    problem: Problem, current: Fit, candidate: CandidateEffect, shape: dict[int, float], share: float
 ) -> TrialColumns:
-    """Sensitivities of the mismatch to one more effect in one shape, by a simulation for each trial step."""
-    at, steps = vanished_point(candidate, shape)
+    """Sensitivities of the mismatch to one more effect in one shape, by a simulation for each trial step.
+
+    Args:
+      problem: The data.
+      current: The model so far, fitted.
+      candidate: The effect.
+      shape: Its shape parameters, as index → value.
+      share: One of `trial_steps`.
+    """
+    at, steps = vanished_point(candidate, shape, share)
     points = []
     for k, step in steps:
         own = at.copy()
@@ -114,15 +146,16 @@ def screen_candidates(
     weight = huber_weights(problem, current.residual, used)
     known = np.column_stack([current.jacobian, current.residual.ravel()]) * weight[:, None]
     sums = normal_equations(current.jacobian, current.residual, weight)
-    found = []
-    for candidate in candidates:
+
+    def screened(candidate: CandidateEffect) -> ScreenedCandidate:
         options = []
-        for shape in trial_shapes(candidate):
-            trial = trial_columns(problem, current, candidate, shape)
+        for shape, step in itertools.product(trial_shapes(candidate), trial_steps(candidate)):
+            trial = trial_columns(problem, current, candidate, shape, step)
             both = _with_columns(sums, known, trial.columns * weight[:, None])
-            options.append(bounded_share(problem, current, [trial], both))
-        found.append(ScreenedCandidate(candidate, *max(options, key=lambda option: option[0])))
-    return sorted(found, key=lambda s: -s.share)
+            options.append((*bounded_share(problem, current, [trial], both), step))
+        return ScreenedCandidate(candidate, *max(options, key=lambda option: option[0]))
+
+    return sorted(map_in_threads(screened, candidates), key=lambda s: -s.share)
 
 
 def _with_columns(sums: Array, known: Array, new: Array) -> Array:
@@ -172,7 +205,28 @@ def bounded_share(
     return share, np.concatenate(start)
 
 
-def _sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> tuple[Array, Array]:
+def curve_columns(problem: Problem, current: Fit) -> Array:
+    """Change of the whitened mismatch by a force of typical size at each knot of every free curve.
+
+    Args:
+      problem: The data.
+      current: Fitted model to which the forces are added.
+
+    Returns:
+      Shape (rows, variables × `KNOTS`).
+    """
+    curves: list[tuple[str, Array] | None] = [
+        (name, 0.1 * force * row) for name, force in problem.replay.curves.items() for row in np.eye(KNOTS)
+    ]
+    if not curves:
+        return np.empty((current.residual.size, 0))
+    moved = problem.residuals([current.x] * len(curves), current.effects, curves)
+    return 10.0 * np.stack([(r - current.residual).ravel() for r in moved], axis=1)
+
+
+def _sensitivities(
+    problem: Problem, current: Fit, curves: Array, used: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """Weighted sensitivities to the model's parameters and to free forces over the plant's variables.
 
     Returns:
@@ -180,19 +234,13 @@ def _sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> t
       each parameter in units of its column, shape (parameters,).
     """
     weight = huber_weights(problem, current.residual, used)
-    curves: list[tuple[str, Array] | None] = [
-        (name, 0.1 * force * row) for name, force in problem.replay.curves.items() for row in np.eye(KNOTS)
-    ]
-    moved = problem.residuals([current.x] * len(curves), current.effects, curves) if curves else []
-    columns = [current.jacobian * weight[:, None]]
-    columns += [((r - current.residual).ravel() * weight)[:, None] * 10.0 for r in moved]
-    columns.append((current.residual.ravel() * weight)[:, None])
+    columns = np.column_stack([current.jacobian, curves, current.residual.ravel()]) * weight[:, None]
     low, high = problem.bounds(current.effects)
     own = len(problem.replay.base) + problem.has_twin_share
     prior = np.full(len(current.x), 1e-6)
     # a box of half-width a has the variance a²/3
     prior[:own] = 3.0 / np.maximum(0.5 * (high - low) / problem.scales(current.effects), 1e-9)[:own] ** 2
-    return np.hstack(columns), prior
+    return columns, prior
 
 
 def _group_sums(columns: Array, groups: Groups, channels: int) -> Array:
@@ -226,9 +274,19 @@ class CurveGains:
     """Variable → gain of a free curve over it."""
 
 
-def curve_gains(problem: Problem, current: Fit, split: TrainingSplit) -> CurveGains:
-    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones beyond a model."""
-    columns, prior = _sensitivities(problem, current, split.used)
+def curve_gains(
+    problem: Problem, current: Fit, split: TrainingSplit, curves: Array | None = None
+) -> CurveGains:
+    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones beyond a model.
+
+    Args:
+      problem: The data.
+      current: The model, fitted.
+      split: Training blocks, groups and folds.
+      curves: `curve_columns` of a model near it; computed for the model itself when None.
+    """
+    curves = curve_columns(problem, current) if curves is None else curves
+    columns, prior = _sensitivities(problem, current, curves, split.used)
     variables, n = tuple(problem.replay.curves), len(prior)
     outs = [np.unique(split.groups.of_block[out]) for out in split.folds]
     sums = _group_sums(columns, split.groups, len(problem.replay.channels))

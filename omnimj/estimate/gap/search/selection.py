@@ -22,6 +22,7 @@ from omnimj.estimate.gap.search.screening import CurveGains, ScreenedCandidate, 
 from omnimj.estimate.intervals import effective_samples
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem
+from omnimj.estimate.threads import map_in_threads
 from omnimj.signals import Array
 
 MAX_FALSE_RATE = 0.05
@@ -110,10 +111,12 @@ def select_round(
     model = CurrentModel(problem, current, split)
     screened = screen_candidates(problem, current, candidates, split.used)
     go = shortlist(screened)
-    tried = []
-    for k, one in enumerate(go):
-        report(f"trying {one.candidate.label}", k / len(go))
-        tried.append(fit_candidate(model, one))
+
+    def fitted(k: int) -> FittedCandidate:
+        report(f"trying {go[k].candidate.label}", k / len(go))
+        return fit_candidate(model, go[k])
+
+    tried = map_in_threads(fitted, range(len(go)))
     report("fitting the leaders", 1.0)
     tried = refine_leaders(model, tried, go)
     leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None

@@ -69,7 +69,7 @@ def _promising_subsets(
     """Pairs, and the triples that leave clearly less than every pair."""
     trials, ends = [], [len(current.x)]
     for one in screened[:_MOST_CANDIDATES]:
-        trials.append(trial_columns(problem, current, one.candidate, one.shape))
+        trials.append(trial_columns(problem, current, one.candidate, one.shape, one.step))
         ends.append(ends[-1] + len(trials[-1].steps))
     columns = np.hstack([current.jacobian, *(one.columns for one in trials)])
     sums = normal_equations(columns, current.residual, huber_weights(problem, current.residual, used))

@@ -34,7 +34,7 @@ from omnimj.signals import Array
 
 _KEPT = 64  # rigid-body forces along the motion that are remembered
 _STIFF = 0.9999  # impedance of dry friction: a joint at rest does not creep
-_STEP = 0.002  # [s] shortest step of the windows
+_STEP = 0.005  # [s] shortest step of the windows
 _HALVES = (0.05, 0.075, 0.1, 0.15)  # [s] half widths of the filter of deflections, below a resonance
 _CLEAR = 0.1  # noise of a deflection's acceleration over its RMS
 _DEFLECTIONS = 2  # fixed-point steps of the deflection: its error falls by (rate / resonance)^2 in each
@@ -233,6 +233,7 @@ class Dynamics:
         """Model of the free windows and its data."""
         model = self._bodies.model(laws, stated)
         model.opt.timestep = self._log.period / self.substeps
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.disableflags |= int(_OFF.mjDSBL_SENSOR)
         model.dof_armature[:] = laws.joints[:, ARMATURE]
         model.jnt_stiffness[:] = laws.joints[:, SPRING]

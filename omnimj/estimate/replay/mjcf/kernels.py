@@ -4,7 +4,10 @@ Balance at a joint, with the rigid-body force R of its links, and for a joint at
 balance asks for, within the bounds of dry friction:
   J q̈ + R(q, q̇, q̈) + (b ± Δb/2 + c |q̇|) q̇ + k (q − q_0) + D sgn q̇ − F_0 = gear · force
 Free window: MuJoCo steps from the measured state, driven by the measured input alone; dry friction is that of
-its solver, with the level of the present state, and what MJCF has no word for is an applied force.
+its solver, with the level of the present state, and what MJCF has no word for is an applied force. Its steps
+  (M + h b/2) Δv = h f(q, v),   q⁺ = q + h (v + Δv)
+are those of a leapfrog: v is the speed half a step before q, and b is taken by the trapezoidal rule. A window
+begins with half a kick, v₀ + Δv/2. Without either the position after a time T would be off by h a T/2.
 """
 
 from __future__ import annotations
@@ -225,6 +228,8 @@ class Simulation(NamedTuple):
     """Address of `mj_inverse`."""
     model: int
     data: int
+    time_step: float
+    """Of the model [s]."""
     qpos: Array
     qvel: Array
     qacc: Array
@@ -306,6 +311,7 @@ def free_windows(
     """
     joints = len(laws)
     load = np.zeros(joints)
+    before = np.zeros(joints)
     for w in range(len(windows)):
         first, last, at = windows[w, FIRST], windows[w, LAST], windows[w, FIRST_BLOCK]
         for j in range(joints):
@@ -313,22 +319,27 @@ def free_windows(
             simulation.warm[j], load[j] = 0.0, loads[first, j]
         blocks[at : at + (last - first) // size] = 0.0
         for k in range(first, last):
-            block = at + (k - first) // size
-            for j in range(joints):
-                blocks[block, j] += (simulation.qpos[j] + laws[j, COMPLIANCE] * load[j] + gaps[k, j]) / size
-                blocks[block, joints + j] += simulation.qvel[j] / size
-            if k + 1 == last:
-                break
+            block, after = at + (k - first) // size, min(k + 1, last - 1)
             for i in range(substeps):
-                share = (i + 0.5) / substeps
+                share = i / substeps
                 for j in range(joints):
-                    command = (1.0 - share) * commands[k, j] + share * commands[k + 1, j]
+                    command = (1.0 - share) * commands[k, j] + share * commands[after, j]
                     _set_forces(simulation, laws[j], curve, j, command, enabled[k, j], times[k], load)
-                    simulation.applied[j] -= (1.0 - share) * braking[k, j] + share * braking[k + 1, j]
+                    simulation.applied[j] -= (1.0 - share) * braking[k, j] + share * braking[after, j]
+                    before[j] = simulation.qvel[j]
+                    if i == 0:
+                        blocks[block, j] += (simulation.qpos[j] + gaps[k, j]) / size
                 call_step(simulation.step, simulation.model, simulation.data)
                 for j in range(joints):
+                    change = simulation.qvel[j] - before[j]
+                    if k == first and i == 0:
+                        simulation.qvel[j] -= 0.5 * change
+                        simulation.qpos[j] -= 0.5 * simulation.time_step * change
                     load[j] = simulation.applied[j] + simulation.passive[j] + simulation.constraint[j]
                     load[j] -= laws[j, ARMATURE] * simulation.qacc[j]
+                    if i == 0:
+                        blocks[block, j] += laws[j, COMPLIANCE] * load[j] / size
+                        blocks[block, joints + j] += (simulation.qvel[j] - 0.5 * change) / size
 
 
 @kernel
@@ -351,9 +362,9 @@ def _set_forces(simulation, law, curve, j, command, is_on, time, load):
     if slowing < 0.0:
         push -= slowing * v
         slowing = 0.0
-    simulation.damping[j] = slowing
+    simulation.damping[j] = 0.5 * slowing
     simulation.friction[j] = 0.5 * (forward + backward)
-    simulation.applied[j] = push - 0.5 * (forward - backward)
+    simulation.applied[j] = push - 0.5 * slowing * v - 0.5 * (forward - backward)
 
 
 def no_curve() -> Array:

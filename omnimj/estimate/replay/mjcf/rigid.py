@@ -152,6 +152,7 @@ def arrays_of(model: mujoco.MjModel, mj_data: mujoco.MjData) -> Simulation:
         function_address("mj_inverse"),
         model._address,
         d._address,
+        model.opt.timestep,
         d.qpos,
         d.qvel,
         d.qacc,

@@ -1,0 +1,281 @@
+"""Recordings of a true machine: its joints follow sines in a closed loop, by MuJoCo in steps of 0.1 ms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from omnimj.effects import ChannelEffect
+from omnimj.physics.native import kernel
+from omnimj.plant.mujoco.machine import Machine
+from omnimj.plant.mujoco.step import call_step, function_address
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array
+from omnimj.studies.gap_benchmark.machine_truth import (
+    JointTruth,
+    MachineTruth,
+    actuator_force,
+    friction_bounds,
+    machine_truth,
+    outer_force,
+)
+
+PERIOD = 0.005
+"""Sample period of the logs [s]."""
+STEP = 1e-4
+"""Step of the simulation [s]."""
+_SECONDS = 8.0
+_BANDWIDTH, _HOLD = 12.0, 30.0  # of the position loop: [rad/s], and least stiffness over dry friction / range
+_SWING, _STROKE = 1.0, 0.12  # half ranges of hinges and slides without a range of their own [rad, m]
+_OF_RANGE = 0.4  # half range over that of the joint
+_SLOW, _FAST, _SHARE = (0.25, 0.6), (0.9, 2.0), 0.2  # the two sines [Hz], and the amplitude of the faster one
+_OF_LIMIT = 0.6  # largest planned force over that of the actuator
+_SMALLER, _TRIES = 0.8, 40
+_POSITION_NOISE, _INPUT_NOISE = 2e-4, 4e-3  # over the range of the positions and the RMS input
+
+
+class Plan(NamedTuple):
+    """Planned motion of one run, a row per sample of the logs, n rows, j joints."""
+
+    goal: Array
+    """Positions, shape (n, j)."""
+    rate: Array
+    """Shape (n, j)."""
+    force: Array
+    """Force of the nominal machine along the goal, shape (n, j)."""
+
+
+class Loop(NamedTuple):
+    """Position loop with the constants of the nominal machine."""
+
+    nominal: tuple[JointTruth, ...]
+    stiffness: Array
+    """Shape (j,)."""
+    damping: Array
+    """Shape (j,)."""
+
+
+@dataclass(frozen=True)
+class MachineLoop:
+    """A machine with its position loop, and the ranges of its motions."""
+
+    machine: Machine
+    loop: Loop
+    middle: Array
+    half: Array
+
+    def plan(self, seed: int) -> Plan:
+        """Plan a run within the forces of the actuators: two sines per joint that begin at rest."""
+        random = np.random.default_rng(seed)
+        joints = len(self.machine.joints)
+        time = np.arange(round(_SECONDS / PERIOD) + 1) * PERIOD
+        ramp = np.minimum(time / 0.8, 1.0)
+        ramp = (ramp**2 * (3.0 - 2.0 * ramp))[:, None]
+        slow, fast = random.uniform(*_SLOW, joints), random.uniform(*_FAST, joints)
+        reach, phase = random.uniform(0.6, 1.0, joints), random.uniform(0.0, 2.0 * np.pi, joints)
+        slow_wave = np.sin(2.0 * np.pi * np.outer(time, slow))
+        shape = (
+            ramp * (slow_wave + _SHARE * np.sin(2.0 * np.pi * np.outer(time, fast) + phase)) / (1.0 + _SHARE)
+        )
+        half = self.half * reach
+        for _ in range(_TRIES):
+            plan = self._followed(self.middle + half * shape)
+            too_large = np.abs(plan.force).max(axis=0) > _OF_LIMIT * self._strongest()
+            if not too_large.any():
+                break
+            half = np.where(too_large, _SMALLER * half, half)
+        return plan
+
+    def _strongest(self) -> Array:
+        """Largest force of each joint's actuator, infinite without a limit, shape (j,)."""
+        found = np.full(len(self.loop.nominal), np.inf)
+        for j, own in enumerate(self.loop.nominal):
+            if own.gain:
+                found[j] = abs(own.gear) * min(own.strongest, abs(own.gain * own.highest))
+        return found
+
+    def _followed(self, goal: Array) -> Plan:
+        rate = np.gradient(goal, PERIOD, axis=0)
+        bend = np.gradient(rate, PERIOD, axis=0)
+        model = machine_truth(self.machine, declared_values(self.machine)).rigid_model(STEP)
+        data, force = mujoco.MjData(model), np.empty(goal.shape)
+        for k in range(len(goal)):
+            data.qpos[:], data.qvel[:], data.qacc[:] = goal[k], rate[k], bend[k]
+            mujoco.mj_inverse(model, data)
+            force[k] = data.qfrc_inverse
+        for j, own in enumerate(self.loop.nominal):
+            for k in range(len(goal)):
+                dry, _, smooth = friction_bounds(own, goal[k, j], rate[k, j], force[k, j])
+                force[k, j] += smooth + dry * np.tanh(20.0 * rate[k, j]) - outer_force(own, goal[k, j])
+        return Plan(goal, rate, force)
+
+
+def declared_values(machine: Machine) -> dict[str, float]:
+    """Name of each uncertain quantity → its declared value."""
+    return {one.name: one.value for one in machine.uncertain}
+
+
+def machine_loop(machine: Machine) -> MachineLoop:
+    """The position loop of a machine without effects, and ranges for its motions."""
+    m = machine.mj_model
+    nominal = machine_truth(machine, declared_values(machine))
+    model = nominal.rigid_model(STEP)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    inertia = full.diagonal()
+    middle, half = np.zeros(model.nv), np.empty(model.nv)
+    for j in range(model.nv):
+        half[j] = _SWING if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE else _STROKE
+        if m.jnt_limited[j]:
+            low, high = m.jnt_range[j]
+            middle[j], half[j] = 0.5 * (low + high), min(half[j], _OF_RANGE * (high - low))
+    dry = np.array([own.dry for own in nominal.joints])
+    stiffness = np.maximum(inertia * _BANDWIDTH**2, _HOLD * dry / half)  # friction must not hold the joint
+    loop = Loop(nominal.joints, stiffness, 2.0 * np.sqrt(stiffness * inertia))
+    return MachineLoop(machine, loop, middle, half)
+
+
+class Bodies(NamedTuple):
+    """MuJoCo's arrays of the rigid bodies."""
+
+    step: int
+    model: int
+    data: int
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    applied: Array
+    constraint: Array
+    friction: Array
+
+
+@kernel
+def _interpolated(rows, k, share, j):
+    return (1.0 - share) * rows[k, j] + share * rows[k + 1, j]
+
+
+@kernel
+def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
+    """Simulate a run and fill its rows.
+
+    Args:
+      joints: `JointTruth` of every joint, of the true machine.
+      loop: `Loop`.
+      plan: `Plan`.
+      bodies: `Bodies`, at the start of the plan.
+      substeps: Steps per row.
+      step: [s]
+      rows: Filled with position and speed before the spring, command and force, shape (n, 4, j).
+    """
+    n = len(joints)
+    place, speed, load = plan.goal[0].copy(), np.zeros(n), np.zeros(n)
+    received, command = np.zeros(n), np.zeros(n)
+    for k in range(len(plan.goal) - 1):
+        for i in range(substeps):
+            share = i / substeps
+            for j in range(n):
+                own, known = joints[j], loop.nominal[j]
+                if own.compliance == 0.0:
+                    place[j], speed[j] = bodies.qpos[j], bodies.qvel[j]
+                wanted = _interpolated(plan.force, k, share, j)
+                wanted += loop.stiffness[j] * (_interpolated(plan.goal, k, share, j) - place[j])
+                wanted += loop.damping[j] * (_interpolated(plan.rate, k, share, j) - speed[j])
+                if known.gain != 0.0:
+                    electric = known.position_gain * place[j] + known.velocity_gain * speed[j]
+                    value = (wanted / known.gear - known.bias - known.gear * electric) / known.gain
+                    command[j] = min(max(value, known.lowest), known.highest)
+                keep = math.exp(-step / own.lag) if own.lag > 0.0 else 0.0
+                received[j] = keep * received[j] + (1.0 - keep) * command[j]
+                drive = actuator_force(own, received[j], place[j], speed[j])
+                if i == 0:
+                    rows[k, 0, j], rows[k, 1, j], rows[k, 2, j] = place[j], speed[j], command[j]
+                    rows[k, 3, j] = drive
+                forward, backward, smooth = friction_bounds(own, place[j], speed[j], load[j])
+                push = drive + outer_force(own, place[j]) - smooth
+                if own.compliance == 0.0:
+                    bodies.friction[j] = 0.5 * (forward + backward)
+                    bodies.applied[j] = push - 0.5 * (forward - backward)
+                    continue
+                load[j] = (place[j] - bodies.qpos[j]) / own.compliance
+                bodies.friction[j], bodies.applied[j] = 0.0, load[j]
+                free = speed[j] + step * (push - load[j]) / own.armature
+                held = step * (forward if free > 0.0 else backward) / own.armature
+                speed[j] = max(free - held, 0.0) if free > 0.0 else min(free + held, 0.0)
+                place[j] += step * speed[j]
+            call_step(bodies.step, bodies.model, bodies.data)
+            for j in range(n):
+                if joints[j].compliance == 0.0:
+                    load[j] = bodies.applied[j] + bodies.constraint[j] - joints[j].armature * bodies.qacc[j]
+
+
+def simulated_rows(truth: MachineTruth, loop: Loop, plan: Plan) -> Array:
+    """Position and speed before the spring, command and force of a run by MuJoCo, shape (n − 1, 4, j)."""
+    stiffest = [j.compliance * j.armature for j in truth.joints if j.compliance]
+    fine = min([STEP, *(0.2 * float(np.sqrt(square)) for square in stiffest)])
+    substeps = int(np.ceil(PERIOD / fine))
+    step = PERIOD / substeps
+    model = truth.rigid_model(step)
+    model.dof_solimp[:, :2], model.dof_solref[:] = 0.9999, (2.0 * step, 1.0)
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    data.qpos[:] = plan.goal[0]
+    addresses = function_address("mj_step"), model._address, data._address
+    arrays = data.qpos, data.qvel, data.qacc, data.qfrc_applied, data.qfrc_constraint
+    rows = np.empty((len(plan.goal) - 1, 4, plan.goal.shape[1]))
+    bodies = Bodies(*addresses, *arrays, model.dof_frictionloss)
+    drive_machine(truth.joints, loop, plan, bodies, substeps, step, rows)
+    return rows
+
+
+def logged_run(name: str, truth: MachineTruth, rows: Array, seed: int) -> Run:
+    """Log of a run with the noise and the distortions of its channels.
+
+    An actuator that answers late shows as a command that was logged early. Where the file has a sensor of an
+    actuator's force, this force is logged instead of the command.
+
+    Args:
+      name: Name of the run.
+      truth: The true machine.
+      rows: From `simulated_rows`, shape (n, 4, j).
+      seed: Seed of the noise.
+    """
+    random = np.random.default_rng(seed)
+    time: Array = np.arange(len(rows), dtype=float) * PERIOD
+    columns = {"time": time}
+    for j, joint in enumerate(truth.machine.joints):
+        place, drive = rows[:, 0, j], truth.drives[j]
+        columns[f"position:{joint}"] = _read(
+            time, place, truth.channel(f"position:{joint}"), _POSITION_NOISE * float(np.ptp(place)), random
+        )
+        if drive is not None:
+            is_force = has_force_sensor(truth.machine, drive.name)
+            column = f"{'force' if is_force else 'control'}:{drive.name}"
+            values = rows[:, 3, j] / drive.gear if is_force else rows[:, 2, j]
+            reading = truth.channel(column)
+            late = reading._replace(delay=reading.delay - truth.delay(j))
+            noise = _INPUT_NOISE * float(np.sqrt(np.mean(values**2)))
+            columns[column] = _read(time, values, late, noise, random)
+    return Run(name, MappingProxyType(columns), MappingProxyType({}), MappingProxyType({}))
+
+
+def has_force_sensor(machine: Machine, drive: str) -> bool:
+    """True if the file has a sensor of an actuator's force."""
+    m = machine.mj_model
+    own = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_ACTUATOR, drive)
+    kinds = np.asarray(m.sensor_type) == int(mujoco.mjtSensor.mjSENS_ACTUATORFRC)
+    return bool((kinds & (np.asarray(m.sensor_objid) == own)).any())
+
+
+def _read(
+    time: Array, values: Array, reading: ChannelEffect, noise: float, random: np.random.Generator
+) -> Array:
+    """Readings of a channel: delayed, scaled, shifted, with white noise."""
+    late = np.interp(time - reading.delay, time, values)
+    return reading.scale * late + reading.offset + noise * random.standard_normal(len(time))
