@@ -1,7 +1,6 @@
 """Steady driving with a measured pose: blocks of real logs, and effects hidden in simulated ones."""
 
 import itertools
-import tarfile
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -208,9 +207,7 @@ def test_blocks_of_a_real_log_have_the_mean_velocity_between_its_first_and_last_
     from omnimj.recording.importing.workflow import ImportConfig, plan_import, write_import
     from omnimj.recording.read_dataset import read_dataset
 
-    with tarfile.open(Path(__file__).parents[2] / "data" / "robotino.tar.xz") as archive:
-        archive.extractall(tmp_path, filter="data")
-    folder = tmp_path / "robotino"
+    folder = unpack("robotino", tmp_path)
     floors = {"table": read_floors()[FLOOR]}
     files = tuple(sorted(folder.glob("table/*.csv")))
     write_import(plan_import(ImportConfig(files, folder / "robotino.mapping.toml")), tmp_path / "set")
