@@ -18,7 +18,7 @@ from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import KNOTS, Setting
 from omnimj.estimate.replay.mjcf.axis import axis_replay
-from omnimj.estimate.replay.mjcf.kernels import free_windows, rigid_forces
+from omnimj.estimate.replay.mjcf.one_joint import free_windows_of_one_joint
 from omnimj.estimate.replay.problem import Problem, fit
 from omnimj.parameters import read_axis
 from omnimj.recording.dataset import Dataset, Run
@@ -291,4 +291,4 @@ def test_a_log_without_force_or_too_short_is_refused():
 def test_the_kernels_are_compiled_once():
     for found in (replay_of(logs(velocity=True)), replay_of(logs(current=True))):
         found.simulate([nominal(found)])
-    assert len(free_windows.signatures) == len(rigid_forces.signatures) == 1
+    assert len(free_windows_of_one_joint.signatures) == 1

@@ -5,6 +5,7 @@ import pytest
 
 from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
+from omnimj.estimate.replay.mjcf.rigid import RigidBodies
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Dataset, Run
 
@@ -13,6 +14,13 @@ SLIDE = f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="carriage">
   <joint name="slide" type="slide" axis="1 0 0" damping="{DAMPING}" frictionloss="{DRY}"/>
   <geom name="block" type="box" size=".1 .1 .1" mass="{MASS}"/></body></worldbody>
   <actuator><motor name="drive" joint="slide"/></actuator></mujoco>"""
+
+
+@pytest.fixture(params=["closed form", "MuJoCo"], autouse=True)
+def route(request, monkeypatch):
+    """Both ways to simulate a window of a machine with a single joint."""
+    if request.param == "MuJoCo":
+        monkeypatch.setattr(RigidBodies, "one_joint", lambda *_: None)
 
 
 def pushed(time):

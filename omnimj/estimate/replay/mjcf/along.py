@@ -25,6 +25,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.laws import Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog
+from omnimj.estimate.replay.mjcf.one_joint import free_windows_of_one_joint
 from omnimj.estimate.replay.mjcf.play import Play, links_behind_play, motors_before_play
 from omnimj.estimate.replay.mjcf.remembered import Remembered
 from omnimj.estimate.replay.mjcf.rigid import RigidBodies, arrays_of
@@ -280,26 +281,17 @@ class Dynamics:
             electric = laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
             braking -= np.where(log.enabled, electric, 0.0) * play.gap[1]
         for load in self._bodies.loads:
-            simulated = self._simulated(laws, load.stated)
             inside = [(p.start <= chosen[:, FIRST]) & (chosen[:, FIRST] < p.stop) for p in load.parts]
             own = chosen[np.any(inside, axis=0)]
-            kernels.free_windows(
-                arrays_of(*simulated),
-                laws.joints,
-                curve,
-                own,
-                self.substeps,
-                log.times,
-                links,
-                speeds,
-                loads,
-                gaps,
-                braking,
-                commands,
-                log.enabled,
-                log.size,
-                found,
-            )
+            start = (log.times, links, speeds, loads, gaps, braking)
+            logged = (*start, commands, log.enabled, log.size, found)
+            if (body := self._bodies.one_joint(laws, load.stated)) is not None:
+                step = log.period / self.substeps
+                law = laws.joints[0]
+                free_windows_of_one_joint(body, law, curve, own, step, self.substeps, *logged)
+                continue
+            simulated = self._simulated(laws, load.stated)
+            kernels.free_windows(arrays_of(*simulated), laws.joints, curve, own, self.substeps, *logged)
         return found
 
 

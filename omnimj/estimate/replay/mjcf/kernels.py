@@ -343,22 +343,33 @@ def free_windows(
 
 
 @kernel
-def _set_forces(simulation, law, curve, j, command, is_on, time, load):
-    """Set damping, dry friction and applied force of a joint for the next step."""
-    q, v = simulation.qpos[j], simulation.qvel[j]
-    forward, backward = dry_friction(law, q, v, load[j])
-    slowing = damping(law, v)
-    push = law[OFFSET] + _curve_force(curve, j, q, v, time) - law[CABLE] * (q - law[CABLE_REST])
+def pushing_force(law, curve, joint, command, is_on, time, position, speed):
+    """Force on a joint beside those of the rigid bodies, its spring and friction; damping coefficient.
+
+    The motor's own damping, by its voltage per speed, counts as damping.
+    """
+    slowing = damping(law, speed)
+    push = law[OFFSET] + _curve_force(curve, joint, position, speed, time)
+    push -= law[CABLE] * (position - law[CABLE_REST])
     if is_on:
-        force = drive_force(law, command, q, v)
+        force = drive_force(law, command, position, speed)
         push += force
         limited = force <= law[GEAR] * law[LOW] or force >= law[GEAR] * law[HIGH]
         if law[GEAR] < 0.0:
             limited = force >= law[GEAR] * law[LOW] or force <= law[GEAR] * law[HIGH]
         if law[VELOCITY_GAIN] < 0.0 and not limited:
             electric = -law[VELOCITY_GAIN] * law[GEAR] * law[GEAR]
-            slowing += electric  # taken implicitly by MuJoCo's step
-            push += electric * v
+            slowing += electric  # taken implicitly by the step
+            push += electric * speed
+    return push, slowing
+
+
+@kernel
+def _set_forces(simulation, law, curve, j, command, is_on, time, load):
+    """Set damping, dry friction and applied force of a joint for the next step."""
+    q, v = simulation.qpos[j], simulation.qvel[j]
+    forward, backward = dry_friction(law, q, v, load[j])
+    push, slowing = pushing_force(law, curve, j, command, is_on, time, q, v)
     if slowing < 0.0:
         push -= slowing * v
         slowing = 0.0

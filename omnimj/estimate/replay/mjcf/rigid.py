@@ -12,6 +12,7 @@ from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.kernels import Simulation
 from omnimj.estimate.replay.mjcf.laws import Laws
+from omnimj.estimate.replay.mjcf.one_joint import OneJoint, one_joint
 from omnimj.estimate.replay.mjcf.remembered import Remembered
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.quantities import QUANTITIES, with_masses
@@ -74,6 +75,7 @@ class RigidBodies:
         self.loads = tuple(Load(dict(load), tuple(parts)) for load, parts in found.items())
         """Stretches by the masses that their runs state."""
         self._known: Remembered[_Affine] = Remembered(_KEPT)
+        self._joints: Remembered[tuple[OneJoint | None]] = Remembered(_KEPT)
 
     def forces(self, laws: Laws, motion: Motion, key: Hashable = None) -> tuple[Array, Array]:
         """Rigid-body forces along a motion, shape (n, j) [N or N.m], and readings of sensors, shape (n, s).
@@ -112,10 +114,11 @@ class RigidBodies:
         shape = motion[0].shape
         forces, readings = np.empty(shape), np.empty((shape[0], len(self._sensors)))
         for load in self.loads:
-            model = self.model(laws, load.stated, masses)
-            model.opt.disableflags |= int(_OFF.mjDSBL_CONSTRAINT)
-            model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
-            model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
+            if not len(self._sensors) and (body := self.one_joint(laws, load.stated, masses)) is not None:
+                for part in load.parts:
+                    forces[part] = body.force(motion[0][part], motion[2][part])
+                continue
+            model = self._bare_model(laws, load.stated, masses)
             mj_data = mujoco.MjData(model)
             mujoco.mj_setConst(model, mj_data)  # the inertia of a joint that meets no other is a constant
             simulation = arrays_of(model, mj_data)
@@ -123,6 +126,33 @@ class RigidBodies:
                 moved = (values[part] for values in motion)
                 kernels.rigid_forces(simulation, *moved, self._sensors, forces[part], readings[part])
         return forces, readings
+
+    def one_joint(
+        self, laws: Laws, stated: Mapping[Part, float], masses: Mapping[Part, float] | None = None
+    ) -> OneJoint | None:
+        """Rigid-body force of a machine with a single joint; None for any other, see `one_joint`.
+
+        Args:
+          laws, stated, masses: As for `model`.
+        """
+        if len(laws.joints) != 1:
+            return None
+        masses = masses or laws.masses
+        key = tuple(masses.items()), tuple(stated.items()), laws.payloads, tuple(laws.gravity.tolist())
+        if (known := self._joints.get(key)) is None:
+            known = (one_joint(self._bare_model(laws, stated, masses)),)
+            self._joints.keep(key, known)
+        return known[0]
+
+    def _bare_model(
+        self, laws: Laws, stated: Mapping[Part, float], masses: Mapping[Part, float] | None
+    ) -> mujoco.MjModel:
+        """Model of the bodies alone, without constraints, friction, springs and armature."""
+        model = self.model(laws, stated, masses)
+        model.opt.disableflags |= int(_OFF.mjDSBL_CONSTRAINT)
+        model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+        model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
+        return model
 
     def model(
         self, laws: Laws, stated: Mapping[Part, float], masses: Mapping[Part, float] | None = None
