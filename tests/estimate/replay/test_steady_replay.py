@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from measured_logs import unpack
 
 from omnimj.effects import apply_effects, with_effects
 from omnimj.errors import InputError
