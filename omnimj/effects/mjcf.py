@@ -132,6 +132,12 @@ EFFECTS: tuple[Effect, ...] = (
         _limited,
         has_threshold=True,
     ),
+    _of_actuator(
+        "soft_saturation",
+        "the force per command falls as the force grows: F/(1 + c |F|), as by magnetic saturation",
+        (_P("coefficient", "1/N", 0.0, _ANY, 0.1),),
+        adds_term(ACTUATOR, "fading", "coefficient"),
+    ),
     _of_joint(
         "coulomb",
         "dry friction of the joint is not as declared, or missing",

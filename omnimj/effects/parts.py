@@ -24,6 +24,7 @@ _ON_HINGE: Mapping[str, str] = MappingProxyType(
         "N.s2/m2": "N.m.s2/rad2",
         "N/m": "N.m/rad",
         "m/N": "rad/(N.m)",
+        "1/N": "1/(N.m)",
         "m": "rad",
         "m/s": "rad/s",
         "kg": "kg.m2",

@@ -133,12 +133,13 @@ def _refusal(achieved: _Achieved) -> tuple[str, str] | None:
 
 
 def _share_at_bounds(found: SearchResult) -> float:
-    """Share of the base parameters that the last model leaves at their bounds."""
+    """Share of the base parameters that the last model leaves at bounds other than 0, which means absent."""
     base = found.problem.replay.base
-    ends = [
-        min(value - b.low, b.high - value) <= 1e-3 * (b.high - b.low)
-        for b, value in zip(base, found.final.x, strict=False)
-    ]
+    ends = []
+    for b, value in zip(base, found.final.x, strict=False):
+        edge = 1e-3 * (b.high - b.low)
+        is_absent = b.low == 0.0 and value <= edge
+        ends.append(min(value - b.low, b.high - value) <= edge and not is_absent)
     return float(np.mean(ends)) if ends else 0.0
 
 

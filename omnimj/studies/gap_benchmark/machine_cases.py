@@ -57,6 +57,7 @@ _NEVER = ("backlash",)
 _ALIKE = (
     frozenset({"actuator_delay", "sensor_delay"}),
     frozenset({"gain", "torque_constant", "back_emf"}),
+    frozenset({"saturation", "soft_saturation"}),
     frozenset({"armature", "payload"}),
 )
 """Effects that one joint's logs hardly separate: two of a set are never hidden together."""

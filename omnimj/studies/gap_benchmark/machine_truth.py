@@ -77,6 +77,8 @@ class JointTruth(NamedTuple):
     highest: float
     lag: float
     """Time constant of the actuator [s]."""
+    fading: float
+    """Loss c of the force F of its actuator, F/(1 + c |F|) [1/N or 1/(N.m)]."""
     growing_dry: float
     """Dry friction that builds up with speed and saturates, outside the library."""
     growing_speed: float
@@ -124,6 +126,7 @@ def actuator_force(joint, command, position, speed):
     """Force of the actuator on its joint [N.m or N]."""
     force = joint.gain * command + joint.bias
     force += joint.gear * (joint.position_gain * position + joint.velocity_gain * speed)
+    force /= 1.0 + joint.fading * abs(force)
     force = joint.gear * min(max(force, joint.weakest), joint.strongest)
     return force * (1.0 - joint.braking_loss) if force * speed < 0.0 else force
 
@@ -229,7 +232,7 @@ def _actuator(drive: Drive | None, values: Mapping, changes: PartChanges) -> dic
             "lowest",
             "highest",
         )
-        return {"gear": 1.0, "lag": 0.0} | dict.fromkeys(names, 0.0)
+        return {"gear": 1.0, "lag": 0.0, "fading": 0.0} | dict.fromkeys(names, 0.0)
     limit = changes.limits.get(drive.name, NO_LIMIT)
     true = changed_drive(drive, values, np.inf if limit >= NO_LIMIT else limit)
     return {
@@ -243,6 +246,7 @@ def _actuator(drive: Drive | None, values: Mapping, changes: PartChanges) -> dic
         "lowest": true.command_range[0],
         "highest": true.command_range[1],
         "lag": true.lag,
+        "fading": changes.terms.get((ACTUATOR, drive.name, "fading"), 0.0),
     }
 
 

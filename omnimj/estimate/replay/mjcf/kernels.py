@@ -47,14 +47,15 @@ from omnimj.signals import Array
     BIAS,
     POSITION_GAIN,
     VELOCITY_GAIN,
+    FADING,
     LOW,
     HIGH,
     REST_SPEED,
     FORCE_PER_UNIT,
     PLAY,
     STILL,
-) = range(29)
-LAW = 29
+) = range(30)
+LAW = 30
 """Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel. `STILL`: share of
 the rest speed up to which any friction within its bounds is possible."""
 
@@ -63,6 +64,7 @@ CURVE_JOINT, CURVE_KIND, CURVE_LOW, CURVE_HIGH = range(4)
 CURVE = 4 + KNOTS
 """Numbers of a free curve: joint (−1: none), variable, range, force at the knots."""
 OVER_SPEED, OVER_POSITION, OVER_TIME = range(3)
+_LEAST_KEPT = 0.05  # share of a force that fading leaves
 
 
 @kernel
@@ -103,12 +105,49 @@ def damping(law, speed):
 
 
 @kernel
-def drive_force(law, command, position, speed):
-    """Force of the actuator on its joint [N or N.m]."""
-    gear = law[GEAR]
+def _declared_force(law, command, position, speed):
+    """Force F of the actuator without fading and limits [N or N.m]."""
     force = law[GAIN] * command + law[BIAS]
-    force += law[POSITION_GAIN] * gear * position + law[VELOCITY_GAIN] * gear * speed
-    return gear * min(max(force, law[LOW]), law[HIGH])
+    return force + law[GEAR] * (law[POSITION_GAIN] * position + law[VELOCITY_GAIN] * speed)
+
+
+@kernel
+def drive_force(law, command, position, speed):
+    """Force of the actuator on its joint [N or N.m], gear · F/(1 + c |F|) within its limits."""
+    force = _declared_force(law, command, position, speed)
+    return law[GEAR] * min(max(force / (1.0 + law[FADING] * abs(force)), law[LOW]), law[HIGH])
+
+
+@kernel
+def to_input_errors(laws, commands, position, speed, enabled, forces):
+    """Turn missing forces, shape (n, j), into errors of the inputs, in place.
+
+    To the first order, ΔF du/dF with du/dF = (1 + c |F|)²/(force per unit), F without fading. Without the
+    square, the error of an actuator that fades would vanish for large gains, whatever its force.
+    """
+    for k in range(len(forces)):
+        for j in range(len(laws)):
+            law = laws[j]
+            forces[k, j] /= law[FORCE_PER_UNIT]
+            if law[FADING] != 0.0 and enabled[k, j]:
+                force = _declared_force(law, commands[k, j], position[k, j], speed[k, j])
+                forces[k, j] *= (1.0 + law[FADING] * abs(force)) ** 2
+
+
+@kernel
+def to_inputs(laws, position, speed, enabled, forces):
+    """Turn forces that are missing with commands of 0, shape (n, j), into inputs that give them, in place.
+
+    The inverse of `drive_force` without its limits.
+    """
+    for k in range(len(forces)):
+        for j in range(len(laws)):
+            law, q, v, declared, own = laws[j], position[k, j], speed[k, j], 0.0, 0.0
+            if enabled[k, j]:
+                declared, own = _declared_force(law, 0.0, q, v), drive_force(law, 0.0, q, v)
+            force = (forces[k, j] + own) / law[GEAR]
+            kept = max(1.0 - law[FADING] * abs(force), _LEAST_KEPT)
+            forces[k, j] = (force / kept - declared) * law[GEAR] / law[FORCE_PER_UNIT]
 
 
 @kernel
@@ -358,7 +397,8 @@ def pushing_force(law, curve, joint, command, is_on, time, position, speed):
         if law[GEAR] < 0.0:
             limited = force >= law[GEAR] * law[LOW] or force <= law[GEAR] * law[HIGH]
         if law[VELOCITY_GAIN] < 0.0 and not limited:
-            electric = -law[VELOCITY_GAIN] * law[GEAR] * law[GEAR]
+            faded = 1.0 + law[FADING] * abs(_declared_force(law, command, position, speed))
+            electric = -law[VELOCITY_GAIN] * (law[GEAR] / faded) ** 2
             slowing += electric  # taken implicitly by the step
             push += electric * speed
     return push, slowing

@@ -22,6 +22,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     COMPLIANCE,
     DAMPING,
     DRY,
+    FADING,
     FORCE_PER_UNIT,
     GAIN,
     GEAR,
@@ -189,6 +190,7 @@ class LawMaker:
             row[GAIN], row[BIAS] = drive.gain, drive.bias
             row[POSITION_GAIN], row[VELOCITY_GAIN] = drive.position_gain, drive.velocity_gain
             row[LOW], row[HIGH] = drive.force_range
+            row[FADING] = changes.terms.get((ACTUATOR, drive.name, "fading"), 0.0)
             delay = changes.terms.get((ACTUATOR, drive.name, "delay"), 0.0)
             law = InputLaw(reading, delay, drive.lag, drive.command_range)
         row[FORCE_PER_UNIT] = row[GEAR] * row[GAIN] / reading.scale

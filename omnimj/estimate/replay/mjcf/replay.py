@@ -198,7 +198,9 @@ class MachineReplay:
         free = self._dynamics.windows(laws, motion, curve, commands, self._windows)
         columns = []
         missing = self._balanced(missing)
-        means = self._means(self.log.inputs + missing / laws.joints[:, FORCE_PER_UNIT])
+        driven = (commands, motion.position, motion.balanced_speed, self.log.enabled)
+        kernels.to_input_errors(laws.joints, *driven, missing)
+        means = self._means(self.log.inputs + missing)
         columns += list(means.T)
         for j, name in enumerate(self.parts.joints):
             reading = laws.channel(f"position:{name}")
@@ -266,8 +268,9 @@ class MachineReplay:
 
     def _predict(self, setting: Setting, log: MachineLog, dynamics: Dynamics) -> Array:
         laws, curve = self._maker.make(self.base, setting), self._curve(setting)
-        missing = _missing(laws, log, dynamics.motion(laws), curve, np.zeros(log.inputs.shape))
-        needed = missing / laws.joints[:, FORCE_PER_UNIT]
+        motion = dynamics.motion(laws)
+        needed = _missing(laws, log, motion, curve, np.zeros(log.inputs.shape))
+        kernels.to_inputs(laws.joints, motion.position, motion.balanced_speed, log.enabled, needed)
         for j, law in enumerate(laws.inputs):
             if law is not None:
                 change = np.gradient(needed[:, j], log.period)

@@ -23,6 +23,7 @@ from omnimj.signals import Array
 NOTICED = 0.1
 """Share of a joint's RMS force that an effect of typical size has."""
 _MOST = 30.0  # bound of an amplitude in typical sizes: three times the joint's RMS force
+_FADED = 4.0  # largest c |F| of a soft saturation at the largest force
 _SLOW = 0.4  # share of the top speed up to which friction counts as friction near standstill
 _SPEEDS, _PLACES = (0.02, 0.05, 0.1, 0.25), (0.1, 0.3, 0.5, 0.7, 0.9)
 _PLAY, _WIDEST = 1e-3, 0.1  # play of typical size and widest play, over the joint's range
@@ -193,9 +194,9 @@ def _shapes(
     shapes = []
     for p in effect.parameters:
         shape = dataclasses.replace(_plain(p), unit=joint_unit(p.unit, hinge))
-        if effect.name == "saturation":
+        if effect.name in ("saturation", "soft_saturation"):
             peak = spans[joint].peak / abs(next(d.gear for d in machine.drives if d.joint == joint))
-            shape = dataclasses.replace(shape, low=0.1 * peak, high=peak, typical=0.7 * peak, null_value=peak)
+            shape = _limiting(shape, peak)
         elif effect.name == "backlash":
             reach = spans[joint].high - spans[joint].low
             shape = dataclasses.replace(shape, high=_WIDEST * reach, typical=_PLAY * reach)
@@ -206,6 +207,13 @@ def _shapes(
             shape = _above_zero(shape, effect.name, machine, joint)
         shapes.append(shape)
     return tuple(shapes)
+
+
+def _limiting(shape: CandidateParameter, peak: float) -> CandidateParameter:
+    """Bounds and typical size of a limit, or of a fading, by the largest force of the actuator."""
+    if shape.null_value == 0.0:
+        return dataclasses.replace(shape, high=_FADED / peak, typical=NOTICED / peak)
+    return dataclasses.replace(shape, low=0.1 * peak, high=peak, typical=0.7 * peak, null_value=peak)
 
 
 def _plain(p) -> CandidateParameter:
