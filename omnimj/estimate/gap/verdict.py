@@ -1,7 +1,8 @@
 """Verdict on a search with its reason, and the experiment that would separate rivals.
 
 `named` and `ambiguous` need effects that explain most of what can be explained at all; otherwise the gap is
-`unexplained`, and a free curve shows how much there is to explain. `no_gap`: the mismatch is at noise level.
+`unexplained`, and a free curve shows how much there is to explain. `no_gap`: the mismatch is at noise level,
+or within the noise in every channel, whatever an effect would gain.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class _Achieved:
 
 def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
-    if not found.named:
+    if not found.named or is_within_noise(found):
         return _nothing_named(found)
     achieved, flexible = _measure_achieved(found)
     refusal = _refusal(achieved)
@@ -100,7 +101,7 @@ def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]
     rest, was = _heldout_rms(found, final.residual), _heldout_rms(found, base.residual)
     above = 1.0 - max(rest**2 - 1.0, 0.0) / max(was**2 - 1.0, 1e-30)
     explained = float((before - after) / max(before - floor, 1e-30))
-    return _Achieved(explained, above, was, rest, _share_at_bounds(found)), flexible
+    return _Achieved(explained, above, was, rest, share_at_bounds(found)), flexible
 
 
 def _format_explained(achieved: _Achieved) -> str:
@@ -132,7 +133,7 @@ def _refusal(achieved: _Achieved) -> tuple[str, str] | None:
     return None
 
 
-def _share_at_bounds(found: SearchResult) -> float:
+def share_at_bounds(found: SearchResult) -> float:
     """Share of the base parameters that the last model leaves at bounds other than 0, which means absent."""
     base = found.problem.replay.base
     ends = []
@@ -148,6 +149,13 @@ def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
     out = residual[~found.used]
     valid = np.isfinite(found.problem.replay.measured[~found.used])
     return float(np.sqrt((out[valid] ** 2).mean())) if valid.any() else 0.0
+
+
+def is_within_noise(found: SearchResult) -> bool:
+    """True if no channel's held-out mismatch exceeds its noise before any effect: then a gain is no gap."""
+    valid = np.isfinite(found.problem.replay.measured) & ~found.used[:, None]
+    channels = zip(found.base.residual.T, valid.T, strict=True)
+    return all(np.mean(one[rows] ** 2) <= 1.0 for one, rows in channels if rows.any())
 
 
 def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit]]) -> dict[str, Any] | None:

@@ -10,8 +10,8 @@ import pytest
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.plants import PLANTS, find_plant, read_machine
-from omnimj.estimate.gap.verdict import next_experiment
-from omnimj.estimate.replay.interface import Experiment
+from omnimj.estimate.gap.verdict import is_within_noise, next_experiment, share_at_bounds
+from omnimj.estimate.replay.interface import BaseParameter, Experiment
 from omnimj.estimate.replay.problem import Fit, Problem
 
 RUNS = tuple(Experiment(f"run_{k}", f"run {k}", {"gain": float(k)}) for k in range(4))
@@ -66,3 +66,27 @@ def test_a_plant_reads_its_own_model_files_only():
         read_machine("uto_robot", read_machine("quarter_rig", None).file)
     with pytest.raises(UnknownNameError, match="quarter_rig"):
         find_plant("hovercraft")
+
+
+def search_result(base, final, residual=None):
+    """Result of a search on four blocks, the last two held out, that names one effect."""
+    replay = SimpleNamespace(base=tuple(base), measured=np.zeros((4, 2)))
+    fits = {"base": SimpleNamespace(residual=residual), "final": SimpleNamespace(x=np.array(final))}
+    used = np.array([True, True, False, False])
+    return cast(Any, SimpleNamespace(problem=SimpleNamespace(replay=replay), used=used, **fits))
+
+
+def test_a_parameter_that_ends_at_zero_is_absent_and_any_other_bound_counts():
+    friction, mass = BaseParameter("b", "1", 0.01, 0.0, 0.04), BaseParameter("m", "kg", 1.0, 0.5, 1.5)
+    for values, share in (([0.0, 1.0], 0.0), ([0.04, 1.0], 0.5), ([0.0, 0.5], 0.5), ([0.04, 1.5], 1.0)):
+        assert share_at_bounds(search_result([friction, mass], values)) == share
+
+
+def test_a_mismatch_within_the_noise_of_every_channel_is_no_gap():
+    quiet = np.array([[9.0, 9.0], [9.0, 9.0], [0.9, -0.2], [-0.9, 0.2]])
+    assert is_within_noise(search_result([], [], quiet))
+    loud = quiet * [1.0, 6.0]  # the mean over both channels is still within the noise
+    assert np.mean(loud[2:] ** 2) < 1.2 and not is_within_noise(search_result([], [], loud))
+    masked = search_result([], [], loud)
+    masked.problem.replay.measured[:, 1] = np.nan
+    assert is_within_noise(masked)

@@ -49,7 +49,9 @@ def test_an_error_of_the_input_gives_the_missing_force(law, command, speed):
     force = kernels.drive_force(law, command, 0.0, speed)
     tiny = 1e-6 * (kernels.drive_force(law, command + 1.0, 0.0, speed) - force)
     found = np.array([[tiny]])
-    kernels.to_input_errors(law[None], np.array([[command]]), np.zeros((1, 1)), np.array([[speed]]), ON, found)
+    kernels.to_input_errors(
+        law[None], np.array([[command]]), np.zeros((1, 1)), np.array([[speed]]), ON, found
+    )
     after = kernels.drive_force(law, command + found[0, 0], 0.0, speed)
     assert after - force == pytest.approx(tiny, rel=1e-3)
 

@@ -66,7 +66,7 @@ _REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
 _KEPT = 256  # simulated settings that are remembered
 _HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
-_EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
+_EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input or acceleration
 _SLOWEST_RATE, _FASTEST_RATE = 2.0 * np.pi, 100.0  # [rad/s] of the filter of missing forces
 _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
 
@@ -366,8 +366,9 @@ class MachineReplay:
             found.append(Channel(own.column, unit, f"{what} that the motion needs", 0.0, _EQUATION * size))
         for j, name in enumerate(self.parts.joints):
             drift = float(log.position_noise[j] + 0.3 * WINDOW * log.speed_noise[j])
+            pushed = _EQUATION * self.spans[name].acceleration * WINDOW**2 / np.sqrt(20.0)  # RMS of a t²/2
             words = f"position of {name} after a window without correction"
-            found.append(Channel(f"position:{name}", units[j], words, 0.0, drift))
+            found.append(Channel(f"position:{name}", units[j], words, 0.0, drift + pushed))
         for j, name in enumerate(self.parts.joints):
             if self.parts.has_velocity[j]:
                 error = float(log.speed_noise[j])
