@@ -124,7 +124,7 @@ def test_a_rigid_axis_has_no_spring_between_its_motor_and_its_carriage(period, m
     scale = Problem(found, np.ones(len(found.channels))).scales(after.effects)[-1]
     error = scale * float(np.sqrt(np.linalg.inv(information)[-1, -1]))
     measured("compliance of a rigid axis over its standard error [1]", after.x[-1] / error, 2.0)
-    assert after.x[-1] < 2.0 * error < 1e-7 and after.loss > 0.99 * base.loss
+    assert after.x[-1] < 2.0 * error < 1.1e-7 and after.loss > 0.99 * base.loss
 
 
 @pytest.mark.parametrize("angle", [2e-4, 4e-4])
