@@ -29,6 +29,7 @@ def machine(joint, option="", rest=""):
 def test_four_numbers_give_the_inverse_dynamics_of_a_single_joint(joint):
     model = machine(joint)
     found, mj_data = one_joint(model), mujoco.MjData(model)
+    assert found is not None
     random = np.random.default_rng(1)
     for q, v, a in random.uniform(-6.0, 6.0, (20, 3)):
         mj_data.qpos[0], mj_data.qvel[0], mj_data.qacc[0] = q, v, a
