@@ -84,6 +84,9 @@ def _nothing_named(found: SearchResult) -> Verdict:
     size, flexible = _heldout_rms(found, found.base.residual), found.curves.flexible if found.curves else {}
     if size <= NOISE_LEVEL:
         reason = f"after refitting the uncertain parameters the mismatch is {size:.2g} × its noise"
+        if found.named:
+            gains = (f"{one.candidate.label} gains {100.0 * one.gain.value:.2g} %" for one in found.named)
+            reason = f"{reason}, in no channel above it; within it {', '.join(gains)}, too little to be named"
         return Verdict("no_gap", reason, None, flexible, size)
     best = max([0.0, *flexible.values()])
     reason = f"the mismatch is {size:.2g} × its noise, and no effect of the library gains clearly on held-out"
