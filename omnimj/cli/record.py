@@ -41,7 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     words = "record the robot's pose at HZ samples per second, as a camera does, and no inertial unit"
     parser.add_argument("--pose-rate", metavar="HZ", type=whole_number(20, 1000), help=words)
-    parser.add_argument("--plant", metavar="P", help="twin (default) or planar; the axis has only planar")
+    parser.add_argument(
+        "--plant", metavar="P", help="twin (default) or planar; machines with an MJCF file have the twin"
+    )
     parser.add_argument("--out", metavar="DATASET", type=Path, required=True, help="folder of the dataset")
     parser.add_argument(
         "--force", action="store_true", help="replace an earlier dataset that omnimj wrote to --out"
@@ -63,11 +65,12 @@ def run(arguments: Any) -> int:
 def _effects(texts: list[str], plant: str) -> dict[str, Any]:
     if not texts:
         return {}
-    from omnimj.effects import parse_effect
+    from omnimj.effects import MJCF, parse_effect
 
     effects: dict[str, Any] = {}
     for text in texts:
-        name, values = parse_effect(text, plant)
+        # parts of an MJCF file are known once it is read
+        name, values = parse_effect(text, None if plant == MJCF else plant)
         if name in effects:
             rule = f"a second one is called {name}_2"
             raise InputError(f"--effect {text}", f"{name!r} is given twice", rule)
@@ -141,7 +144,8 @@ RECORD = Command(
   rig_lateral     sideways motion: four currents at eight lateral speeds on natural stone
   rig_mixed       for the gap: reversals, coasting, braking, slow and fast, straight and sideways
   robot_missions  six random missions of 20 s with the controller, on three floors
-  axis_moves      the linear axis: strokes, reversals, crawl and sweep under position control
+  axis_moves      the linear axis: fast, slow, short and crawling motions under position control
+  machine_moves   the same of any machine with an MJCF file, given by --model
 
 examples:
   omnimj record rig_currents --out data/currents

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.parameters import Axis, Floor, Rig, Robot
+from omnimj.parameters import Floor, Rig, Robot
 from omnimj.parameters.floor import LAWS, number_rules
 from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.reading import check_number
@@ -19,7 +19,7 @@ from omnimj.physics.effect_terms import CURVES, TERM, mark_active, write_curve, 
 from omnimj.physics.motor import MotorParameters
 from omnimj.signals import Array
 
-RIG, ROBOT, AXIS = Rig.plant, Robot.plant, Axis.plant
+RIG, ROBOT, AXIS = Rig.plant, Robot.plant, "linear_axis"
 """The plants, by the names of their folders under `models/`."""
 MJCF = "mjcf"
 """Plant of any machine that an MJCF file describes."""
@@ -305,7 +305,7 @@ def adds_to_constant(table: str, key: str, parameter: str) -> Hook:
 class MachineChanges:
     """Collector of the changes that the effects of a machine make."""
 
-    def __init__(self, machine: Robot | Rig | Axis):
+    def __init__(self, machine: Robot | Rig):
         n = machine.wheel_count
         self.machine: Any = machine
         self.terms: Array = zero_terms(n)

@@ -9,14 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from omnimj.effects import catalogue
-from omnimj.effects.axis import part_values
 from omnimj.effects.catalogue import base_name, find_effect
 from omnimj.effects.effect import MOST_WHEELS, AppliedEffects, Effect, MachineChanges
-from omnimj.effects.parts import PartChanges
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters import Axis, Rig, Robot
+from omnimj.parameters import Rig, Robot
 
-Machine = TypeVar("Machine", Robot, Rig, Axis)
+Machine = TypeVar("Machine", Robot, Rig)
 
 
 def complete_values(
@@ -89,7 +87,7 @@ def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> 
     """Copy of a machine with further effects; an effect of the same name is replaced.
 
     Args:
-      machine: `Rig`, `Robot` or `Axis`.
+      machine: `Rig` or `Robot`.
       effects: Name → parameter or selector → value; further instances of an effect are NAME_2, NAME_3, ….
         Missing values are filled in as in `complete_values`.
 
@@ -111,7 +109,7 @@ def with_further_effects(machine: Machine, effects: Sequence[tuple[str, Mapping[
     """Copy of a machine with further instances of effects, beside those that it has.
 
     Args:
-      machine: `Rig`, `Robot` or `Axis`.
+      machine: `Rig` or `Robot`.
       effects: Names of effects and their values, as in `with_effects`; a name may come several times.
 
     Raises:
@@ -136,17 +134,14 @@ def apply_effects(machine: Robot | Rig) -> AppliedEffects:
     return collect_changes(machine).finish()
 
 
-def collect_changes(machine: Robot | Rig | Axis) -> Any:
-    """Collect the changes of a machine's effects: those of the parts of its MJCF file for an axis.
-
-    Returns:
-      `PartChanges` for an axis, otherwise `MachineChanges`.
+def collect_changes(machine: Robot | Rig) -> MachineChanges:
+    """Collect the changes of a machine's effects.
 
     Raises:
       InputError: As `apply_effects`.
       UnknownNameError: As `apply_effects`.
     """
-    changes = PartChanges(part_values(machine)) if isinstance(machine, Axis) else MachineChanges(machine)
+    changes = MachineChanges(machine)
     for name, given in machine.effects.items():
         place = f"{machine.file}: effects.{name}"
         effect = find_effect(name, machine.plant, f"{machine.file}: effects")
@@ -159,7 +154,7 @@ def collect_changes(machine: Robot | Rig | Axis) -> Any:
     return changes
 
 
-def check_effects(machine: Robot | Rig | Axis) -> None:
+def check_effects(machine: Robot | Rig) -> None:
     """Check the effects of a machine that was read from a file.
 
     Raises:

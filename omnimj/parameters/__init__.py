@@ -1,11 +1,10 @@
-"""Constants of robot, rig, axis and floors as frozen dataclasses, read from `models/*.toml` and checked once.
+"""Constants of robot, rig and floors as frozen dataclasses, read from `models/*.toml` and checked once.
 
-`robot`, `rig` and `axis` are the machines, `parts` the parts common to robot and rig, `floor` the floors and
+`robot` and `rig` are the machines, `parts` the parts common to robot and rig, `floor` the floors and
 their traction laws, `hardware` the wiring. `reading` checks TOML tables of quantities and records the source
 of each number; `model_file` joins the file of a machine with that of the shared parts.
 """
 
-from omnimj.parameters.axis import Axis, AxisBody, AxisSensors, read_axis
 from omnimj.parameters.floor import Floor, read_floors
 from omnimj.parameters.hardware import Hardware, HardwareInput, HardwareLimits, HardwareOutput, read_hardware
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
@@ -13,9 +12,6 @@ from omnimj.parameters.rig import Rig, RigBody, read_rig
 from omnimj.parameters.robot import Control, Robot, RobotBody, WheelMount, read_robot
 
 __all__ = [
-    "Axis",
-    "AxisBody",
-    "AxisSensors",
     "Bearing",
     "Contact",
     "Control",
@@ -32,7 +28,6 @@ __all__ = [
     "Sensors",
     "Wheel",
     "WheelMount",
-    "read_axis",
     "read_floors",
     "read_hardware",
     "read_rig",

@@ -125,14 +125,17 @@ def dataset_text(
     if planned:
         lines.append(f"{PLANNED_RUNS} = {planned}")
     if defaults:
-        lines += ["", "[defaults]", *(f"{key} = {toml_text(value)}" for key, value in defaults.items())]
+        lines += ["", "[defaults]", *_entries(defaults)]
     for run in runs:
         own = {k: v for k, v in run.conditions.items() if defaults.get(k) != v}
         if run.repeat_of is not None and run.repeat_of != defaults.get("repeat_of"):
             own["repeat_of"] = run.repeat_of
-        lines_of_run = (f"{key} = {toml_text(value)}" for key, value in own.items())
-        lines += ["", f"[runs.{toml_key(run.name)}]", *lines_of_run]
+        lines += ["", f"[runs.{toml_key(run.name)}]", *_entries(own)]
     return "\n".join(lines) + "\n"
+
+
+def _entries(values: Mapping[str, float | str | bool]) -> list[str]:
+    return [f"{toml_key(key)} = {toml_text(value)}" for key, value in values.items()]
 
 
 def _earlier_files(folder: Path) -> list[Path]:

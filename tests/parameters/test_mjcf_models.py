@@ -7,7 +7,8 @@ import mujoco
 import pytest
 
 from omnimj.errors import InputError
-from omnimj.parameters import read_axis, read_rig, read_robot
+from omnimj.parameters import read_rig, read_robot
+from omnimj.simulate.machine.linear_axis import read_axis
 from omnimj.wheels import model_text, omni_wheel, robot_file, wheeled_robot
 
 MADE = wheeled_robot("omni4")

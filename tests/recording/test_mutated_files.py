@@ -22,7 +22,7 @@ from omnimj.link.codec.frames import encode
 from omnimj.link.codec.key import make_key_file, read_key
 from omnimj.link.codec.messages import Frame, Ping
 from omnimj.link.host.frame_log import FRAMES_FILE, FrameLog, FrameRecording
-from omnimj.parameters import read_axis, read_floors, read_rig, read_robot
+from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.parameters.floor import all_floors
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Run
@@ -33,6 +33,7 @@ from omnimj.recording.traces import read_trace, write_trace
 from omnimj.recording.write_dataset import write_dataset
 from omnimj.resources import models_folder, scenarios_folder
 from omnimj.signals import Trace
+from omnimj.simulate.machine.linear_axis import read_axis
 from omnimj.simulate.scenario.scenario import read_scenario
 
 LONGEST = 10.0

@@ -284,6 +284,6 @@ def _quantity(parameter: Refitted, machine: Machine) -> str | None:
     for name in (parameter.name, f"axis.{parameter.name}"):
         table, _, key = name.partition(".")
         if name in machine.provenance and table != "effects":
-            value: Any = getattr(getattr(machine, table, None), key, None)
+            value: Any = getattr(getattr(machine, table, None), key, 0.0)  # an axis has none of its own
             return name if isinstance(value, float) else None
     return None

@@ -10,12 +10,10 @@ import numpy as np
 
 from omnimj.effects import AXIS, MJCF, check_effects
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.estimate.gap.check import axis as axis_check
 from omnimj.estimate.gap.check import rig as rig_check
 from omnimj.estimate.gap.check import robot as robot_check
 from omnimj.estimate.gap.check.columns import column_suspicions
 from omnimj.estimate.gap.check.magnitudes import (
-    axis_limits,
     beyond_reach,
     magnitude_suspicions,
     rig_limits,
@@ -26,13 +24,13 @@ from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.robot.runs import require_layout
 from omnimj.estimate.robot.identify import require_robot
-from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.parameters.mjcf_model import read_model_tree
 from omnimj.parameters.model_file import model_path
 from omnimj.recording.dataset import Dataset, Run
 
 Machine = Any
-"""`Rig`, `Robot`, `Axis`, or the machine of an MJCF file."""
+"""`Rig`, `Robot`, or the machine of an MJCF file, to which an `axis.toml` leads as well."""
 
 
 class GapPlant(NamedTuple):
@@ -82,7 +80,8 @@ def read_machine(plant: str, path: Path | str | None) -> Machine:
         if found != plant:
             raise InputError(f"{path}: plant", f"found {found!r}", f"the dataset's plant is {plant!r}")
     machine = kind.read(path)
-    check_effects(machine)
+    if isinstance(machine, Rig | Robot):
+        check_effects(machine)
     return machine
 
 
@@ -94,7 +93,7 @@ def in_terms_of(dataset: Dataset, machine: Machine) -> Dataset:
     """
     if machine.plant == dataset.plant or machine.plant != MJCF:
         return dataset
-    from omnimj.estimate.replay.mjcf.axis import as_machine_logs  # loads MuJoCo
+    from omnimj.simulate.machine.linear_axis import as_machine_logs  # loads MuJoCo
 
     return as_machine_logs(dataset, machine)
 
@@ -114,13 +113,6 @@ def _robot_suspicions(dataset: Dataset, robot: Robot) -> Iterator[Suspicion]:
     large = list(magnitude_suspicions(dataset.runs, robot_limits(robot), speeds))
     yield from large
     yield from robot_check.robot_suspicions(dataset.runs, robot, beyond_reach(large))
-
-
-def _axis_suspicions(dataset: Dataset, axis: Axis) -> Iterator[Suspicion]:
-    yield from column_suspicions(dataset, axis_check.NOISY, ("velocity", "position"), ("position",))
-    large = list(magnitude_suspicions(dataset.runs, axis_limits(axis), ("velocity", "position")))
-    yield from large
-    yield from axis_check.axis_suspicions(dataset.runs, axis, beyond_reach(large))
 
 
 def _require_robot(dataset: Dataset, robot: Robot) -> None:
@@ -147,12 +139,6 @@ def _robot_replay(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -
     from omnimj.estimate.replay.robot.replay import RobotReplay
 
     return RobotReplay(dataset, robot, floors)
-
-
-def _axis_replay(dataset: Dataset, axis: Axis, floors: Mapping[str, Floor]) -> Replay:
-    from omnimj.estimate.replay.mjcf.axis import axis_replay
-
-    return axis_replay(dataset, axis)
 
 
 def _read_machine_file(path: Path | None) -> Any:
@@ -194,6 +180,42 @@ def _logged_rate(dataset: Dataset, machine: Any) -> float:
     return float(1.0 / np.median([np.median(np.diff(run.time)) for run in dataset.runs]))
 
 
+# a linear axis: logs and names of its own for a machine with an MJCF file
+
+
+def _read_axis(path: Path | None) -> Any:
+    from omnimj.simulate.machine.linear_axis import read_axis
+
+    return read_axis(path)
+
+
+def _axis_suspicions(dataset: Dataset, axis: Any) -> Iterator[Suspicion]:
+    from omnimj.simulate.machine.linear_axis import as_machine_logs, named_as_logged
+
+    machine = named_as_logged(axis, dataset)
+    for found in _machine_suspicions(as_machine_logs(dataset, machine), machine):
+        yield found.renamed(machine.column_names)
+
+
+def _axis_time_links(runs: Sequence[Run], axis: Any) -> list[TimeLink]:
+    from omnimj.simulate.machine.linear_axis import as_machine_logs
+
+    dataset = Dataset(axis.file, AXIS, tuple(runs))
+    return _machine_time_links(as_machine_logs(dataset, axis).runs, axis)
+
+
+def _axis_replay(dataset: Dataset, axis: Any, floors: Mapping[str, Floor]) -> Replay:
+    from omnimj.simulate.machine.linear_axis import as_machine_logs, named_as_logged
+
+    machine = named_as_logged(axis, dataset)
+    return _machine_replay(as_machine_logs(dataset, machine), machine, floors)
+
+
+def _axis_rate(dataset: Dataset, axis: Any) -> float:
+    """Rate of controller and log of an `axis.toml`, the step of its model [1/s]."""
+    return 1.0 / axis.mj_model.opt.timestep
+
+
 PLANTS: Mapping[str, GapPlant] = {
     "quarter_rig": GapPlant(
         "quarter_rig/rig.toml", read_rig, _rig_suspicions, rig_check.rig_time_links, _rig_replay
@@ -206,8 +228,13 @@ PLANTS: Mapping[str, GapPlant] = {
         _robot_replay,
         _require_robot,
     ),
-    "linear_axis": GapPlant(
-        "linear_axis/axis.toml", read_axis, _axis_suspicions, axis_check.axis_time_links, _axis_replay
+    AXIS: GapPlant(
+        "linear_axis/axis.toml",
+        _read_axis,
+        _axis_suspicions,
+        _axis_time_links,
+        _axis_replay,
+        sample_rate=_axis_rate,
     ),
     MJCF: GapPlant(
         None,

@@ -24,7 +24,7 @@ from typing import Any
 
 import mujoco
 
-from omnimj.effects import AXIS, MJCF, complete_values, find_effect
+from omnimj.effects import MJCF, complete_values, find_effect
 from omnimj.effects.effect import Effect
 from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, Part, PartChanges, joint_unit
 from omnimj.errors import InputError, UnknownNameError
@@ -98,15 +98,12 @@ class Machine:
     """`effects.NAME.PARAMETER` → unit and source."""
     plant: str = MJCF
     """Plant whose names the effects have."""
-    columns: tuple[str, ...] = ()
-    """Columns of the logs of an axis."""
     encoders_on_links: tuple[str, ...] = ()
     """Joints whose position is measured on the link, behind a play; that of the others on the motor."""
-
-    @property
-    def forces_are_declared(self) -> bool:
-        """True if a logged force is the command times the declared gain, False if it was measured."""
-        return self.plant == AXIS
+    forces_are_declared: bool = False
+    """True if a logged force is the command times the declared gain, False if it was measured."""
+    column_names: Mapping[str, str] = field(default_factory=dict)
+    """Channel → its name in the logs and results, where this is another one."""
 
     @property
     def facts(self) -> Path:
@@ -258,6 +255,34 @@ def apply_part_effects(machine: Machine) -> PartChanges:
         for hook in effect.hooks:
             hook(changes, values)
     return changes
+
+
+def with_part_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> Machine:
+    """Copy of a machine with further effects; an effect of the same name is replaced.
+
+    Args:
+      machine: The machine.
+      effects: Name → parameter or part → value; missing values are filled in as in `complete_values`.
+
+    Raises:
+      InputError: A value out of bounds or missing.
+      UnknownNameError: An unknown effect, parameter or part.
+    """
+    full = dict(machine.effects)
+    for name, values in effects.items():
+        effect, place = find_effect(name, machine.plant, "effects"), f"effects.{name}"
+        given = {**_only_parts(machine, effect), **values}
+        full[name] = complete_values(effect, given, place)
+        _require_parts(machine, effect, full[name], place)
+    changed = replace(machine, effects=full)
+    apply_part_effects(changed)
+    return changed
+
+
+def _only_parts(machine: Machine, effect: Effect) -> dict[str, str]:
+    """Selectors for which the machine has a single part."""
+    kinds = [s.name for s in effect.selectors if s.name in (JOINT, ACTUATOR, BODY)]
+    return {kind: names[0] for kind in kinds if len(names := machine.parts(kind)) == 1}
 
 
 def _require_parts(machine: Machine, effect: Effect, values: Mapping[str, Any], place: str) -> None:

@@ -7,8 +7,10 @@ from types import MappingProxyType
 
 from omnimj.errors import UnknownNameError
 from omnimj.parameters import read_rig, read_robot
-from omnimj.parameters.axis import read_axis
-from omnimj.simulate.suites import axis, missions, rig
+from omnimj.plant.mujoco.machine import read_machine_file
+from omnimj.recording.dataset import MJCF
+from omnimj.simulate.machine.linear_axis import read_axis
+from omnimj.simulate.suites import machine, missions, rig
 from omnimj.simulate.suites.suite import Suite
 
 _RIG = ("quarter_rig", read_rig)
@@ -54,13 +56,23 @@ _SUITES = (
     ),
     Suite(
         "axis_moves",
-        "the linear axis: strokes, reversals, crawl and sweep under position control",
+        "the linear axis: fast, slow, short and crawling motions under position control",
         "linear_axis",
         read_axis,
-        axis.plan_moves,
-        axis.record_axis,
+        machine.plan_axis_motions,
+        machine.record_axis,
         repeats=2,
-        plants=("planar",),
+        plants=("twin", "planar"),  # one and the same: it moves along a line
+    ),
+    Suite(
+        "machine_moves",
+        "any machine with an MJCF file (--model): fast, slow, short and crawling motions of its joints",
+        MJCF,
+        read_machine_file,
+        machine.plan_motions,
+        machine.record_machine,
+        repeats=2,
+        plants=("twin",),
     ),
 )
 SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _SUITES})

@@ -145,7 +145,10 @@ def _with_effects(machine: Any, effects: Mapping[str, Mapping[str, Any]]) -> Any
     if not effects:
         return machine
     from omnimj.effects import with_effects
+    from omnimj.plant.mujoco.machine import Machine, with_part_effects
 
+    if isinstance(machine, Machine):
+        return with_part_effects(machine, effects)
     return with_effects(machine, effects)
 
 

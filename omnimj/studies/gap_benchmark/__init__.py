@@ -6,7 +6,7 @@
 `unmodelled` effects outside the library, and deviations of a machine from its equations
 `datasets`   recordings of the true rig
 `machine_cases`  hidden effects of any other machine, and its datasets
-`machine_truth`  its true laws; `machine_drive` its recordings by MuJoCo, `hand_equations` by scipy
+`hand_equations` recordings of it by equations written by hand and scipy, beside those of `simulate.machine`
 `seal`       the truth under seal until scoring
 `trial`      blind search of a dataset, baselines on the same data, and the fit of the true model
 `scoring`    score of one case

@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.signals import Array
-from omnimj.studies.gap_benchmark.machine_drive import PERIOD, STEP, Loop, Plan
-from omnimj.studies.gap_benchmark.machine_truth import (
+from omnimj.simulate.machine.drive import STEP, Loop, Plan
+from omnimj.simulate.machine.truth import (
     MachineTruth,
     actuator_force,
     friction_bounds,
@@ -105,9 +105,9 @@ def _rigid(links, place, speed):
 
 
 @kernel
-def _row(rows, time, j):
-    """Value of a planned column at a time, by straight lines."""
-    at = min(max(time / PERIOD, 0.0), len(rows) - 1.000001)
+def _row(rows, place, j):
+    """Value of a planned column at a place between its rows, by straight lines."""
+    at = min(max(place, 0.0), len(rows) - 1.000001)
     k = int(at)
     return (1.0 - at + k) * rows[k, j] + (at - k) * rows[k + 1, j]
 
@@ -115,9 +115,9 @@ def _row(rows, time, j):
 @kernel
 def _command(loop, plan, time, j, place, speed):
     """Command of the position loop."""
-    known = loop.nominal[j]
-    wanted = _row(plan.force, time, j) + loop.stiffness[j] * (_row(plan.goal, time, j) - place)
-    wanted += loop.damping[j] * (_row(plan.rate, time, j) - speed)
+    known, row = loop.nominal[j], time / plan.period
+    wanted = _row(plan.force, row, j) + loop.stiffness[j] * (_row(plan.goal, row, j) - place)
+    wanted += loop.damping[j] * (_row(plan.rate, row, j) - speed)
     if known.gain == 0.0:
         return 0.0
     electric = known.position_gain * place + known.velocity_gain * speed
@@ -161,7 +161,7 @@ def integrated_rows(truth: MachineTruth, loop: Loop, plan: Plan) -> Array:
     """Position, speed, command and force of a run by scipy, shape (n − 1, 4, j), for rigid joints."""
     n = plan.goal.shape[1]
     links, sharp, drives = _links(truth), _SHARP * np.abs(plan.rate).max(axis=0), np.empty(n)
-    times = np.arange(len(plan.goal) - 1) * PERIOD
+    times = np.arange(len(plan.goal) - 1) * plan.period
     extra = (truth.joints, links, loop, plan, sharp, drives)
     start = np.concatenate([plan.goal[0], np.zeros(2 * n)])
     found = solve_ivp(

@@ -23,6 +23,15 @@ from omnimj.plant.mujoco.machine import Machine, read_machine_file
 from omnimj.plant.mujoco.quantities import QUANTITIES
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.resources import models_folder
+from omnimj.simulate.machine.drive import (
+    MachineLoop,
+    Plan,
+    declared_values,
+    logged_run,
+    machine_loop,
+    simulated_rows,
+)
+from omnimj.simulate.machine.truth import MachineTruth, machine_truth
 from omnimj.studies.gap_benchmark.cases import (
     DEVIATION,
     FOREIGN,
@@ -33,15 +42,6 @@ from omnimj.studies.gap_benchmark.cases import (
 )
 from omnimj.studies.gap_benchmark.datasets import write_whole_dataset
 from omnimj.studies.gap_benchmark.hand_equations import has_hand_equations, integrated_rows
-from omnimj.studies.gap_benchmark.machine_drive import (
-    MachineLoop,
-    Plan,
-    declared_values,
-    logged_run,
-    machine_loop,
-    simulated_rows,
-)
-from omnimj.studies.gap_benchmark.machine_truth import JointSize, MachineTruth, machine_truth
 from omnimj.studies.gap_benchmark.unmodelled import UnmodelledEffect
 
 SHIPPED = ("servo_arm", "two_link_arm", "linear_axis")
@@ -73,6 +73,17 @@ _FOREIGN_SIZES = {"friction_law": 0.015, "drive_ripple": 0.015, "gear_law": 0.03
 """Noticeable deviations: dry friction and ripple over the joint's RMS force, share of the force lost."""
 _LENGTHS = {"friction_law": (0.05, 0.3), "drive_ripple": (3.0, 9.0), "gear_law": (1.0, 1.0)}
 """Ranges: speed over the top speed, waves in the range of the motion."""
+
+
+class JointSize(NamedTuple):
+    """Sizes of the motion and force of a joint, to which physics outside the library is relative."""
+
+    force: float
+    """RMS [N.m or N]."""
+    speed: float
+    """Largest [rad/s or m/s]."""
+    reach: float
+    """Range of its positions [rad or m]."""
 
 
 class MachineLibrary(NamedTuple):
@@ -240,7 +251,21 @@ def true_machine(case: Case) -> MachineTruth:
     library = machine_library(case.plant)
     effects = {one.effect: one.values for one in case.hidden}  # two hidden effects are never of one name
     hidden = dataclasses.replace(library.machine, effects=effects)
-    return machine_truth(hidden, case.base, case.structure, library.sizes)
+    own = case.structure
+    foreign = [] if own is None else [_foreign(own, size) for size in library.sizes]
+    return machine_truth(hidden, case.base, foreign)
+
+
+def _foreign(structure: UnmodelledEffect, size: JointSize) -> dict[str, float]:
+    """Fields of `JointTruth` for physics outside the library, one of `_FOREIGN_SIZES`."""
+    if structure.kind == "friction_law":
+        growing = {"growing_dry": structure.amplitude * size.force}
+        return {**growing, "growing_speed": structure.length * size.speed}
+    if structure.kind == "drive_ripple":
+        waves = 2.0 * np.pi * structure.length / size.reach
+        found = {"ripple": structure.amplitude * size.force, "ripple_waves": waves}
+        return {**found, "ripple_phase": structure.phase}
+    return {"braking_loss": structure.amplitude}
 
 
 def _run(

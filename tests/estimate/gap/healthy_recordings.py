@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
-from omnimj.parameters import read_axis, read_floors, read_rig, read_robot
-from omnimj.plant.axis import drive_axis, servo
+from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.simulate.driving import drive, drive_rig
+from omnimj.simulate.machine.drive import declared_values, logged_run, machine_loop, simulated_rows
+from omnimj.simulate.machine.linear_axis import as_axis_log, read_axis
+from omnimj.simulate.machine.truth import machine_truth
 from omnimj.simulate.scenario.drive import read_drive
 
 _RIG = (
@@ -112,12 +114,11 @@ def robot_missions(seed=0):
 @cache
 def axis_runs(seed=0, rate=1000.0, with_velocity=True):
     """Smooth motion of several frequencies, and moves with stops, under position control."""
-    axis = read_axis()
-    axis = replace(axis, sensors=replace(axis.sensors, sample_rate=rate))
-    rows = []
+    axis, rows = read_axis(), []
+    loop, truth = machine_loop(axis, 1.0 / rate), machine_truth(axis, declared_values(axis))
     for k in range(3):
         random = np.random.default_rng([seed, k])
-        time = np.arange(int(5.0 * rate)) / rate
+        time = np.arange(int(5.0 * rate) + 1) / rate
         if k < 2:
             waves = [
                 0.025 / f * np.sin(2.0 * np.pi * f * time + random.uniform(0.0, 6.0))
@@ -129,11 +130,10 @@ def axis_runs(seed=0, rate=1000.0, with_velocity=True):
             window = np.hanning(int(0.2 * rate) | 1)
             raw = np.interp(time, np.linspace(0.0, 5.0, len(stops)), stops)
             place = np.convolve(np.pad(raw, len(window) // 2, mode="edge"), window / window.sum(), "valid")
-        speed = np.gradient(place, 1.0 / rate)
-        target = np.stack([place, speed, np.gradient(speed, 1.0 / rate)], axis=1).astype(float)
-        columns = drive_axis(axis, target, servo(axis), seed=10 * seed + k)
+        plan = loop.follow(np.asarray(place, float)[:, None])
+        log = logged_run("", truth, simulated_rows(truth, loop.loop, plan), 10 * seed + k, loop.period, True)
         names = ("time", "force", "position", "velocity")[: 4 if with_velocity else 3]
-        rows.append(({}, {n: columns[n] for n in names}))
+        rows.append(({}, {n: as_axis_log(log).columns[n] for n in names}))
     return _dataset("linear_axis", rows)
 
 

@@ -61,7 +61,8 @@ def test_a_plant_reads_its_own_model_files_only():
     for name, plant in PLANTS.items():
         if plant.model is None:
             continue
-        assert read_machine(name, None) == plant.read(None)
+        one, other = read_machine(name, None), plant.read(None)
+        assert getattr(one, "values", one) == getattr(other, "values", other)
     with pytest.raises(InputError, match="plant: found 'quarter_rig'"):
         read_machine("uto_robot", read_machine("quarter_rig", None).file)
     with pytest.raises(UnknownNameError, match="quarter_rig"):

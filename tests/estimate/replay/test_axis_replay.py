@@ -8,34 +8,31 @@ import math
 
 import numpy as np
 import pytest
-from axis_logs import axis_moves
+from axis_logs import AXIS, FORCE_NOISE, MASS, axis_moves
 from axis_reference import log_of, sign
 from nightly import representative
 
-from omnimj.effects import with_effects
 from omnimj.errors import InputError
+from omnimj.estimate.gap.plants import find_plant
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import KNOTS, Setting
-from omnimj.estimate.replay.mjcf.axis import axis_replay
 from omnimj.estimate.replay.mjcf.one_joint import free_windows_of_one_joint
 from omnimj.estimate.replay.problem import Problem, fit
-from omnimj.parameters import read_axis
 from omnimj.recording.dataset import Dataset, Run
 
-AXIS = read_axis()
-TRUE = dataclasses.replace(AXIS, axis=dataclasses.replace(AXIS.axis, mass=96.5, coulomb=21.5, viscous=190.0))
 VELOCITY = ("velocity_scale", "sensor_delay (velocity)")
 
 
 @functools.cache
 def logs(effect="", values=(), velocity=False, current=False):
-    axis = with_effects(TRUE, {effect: dict(values)}) if effect else TRUE
-    return tuple(axis_moves(axis, 3, 1, duration=6.0, velocity=velocity, current=current, declared=AXIS))
+    effects = {effect: dict(values)} if effect else {}
+    true = {"mass": 96.5, "coulomb": 21.5, "viscous": 190.0}
+    return tuple(axis_moves(effects, 3, seconds=6.0, velocity=velocity, current=current, true=true))
 
 
-def replay_of(runs, threads=None):
-    return axis_replay(Dataset(AXIS.file, "linear_axis", tuple(runs)), AXIS, threads)
+def replay_of(runs):
+    return find_plant("linear_axis").make_replay(Dataset(AXIS.file, "linear_axis", tuple(runs)), AXIS, {})
 
 
 def nominal(found, **changes):
@@ -65,7 +62,7 @@ def test_where_the_model_is_right_only_noise_is_left():
     found = replay_of(logs())
     (simulated,) = found.simulate([nominal(found, mass=96.5, coulomb=21.5, viscous=190.0)])
     force, position = rms(found.measured - simulated)
-    white = AXIS.sensors.force_noise / math.sqrt(20.0)
+    white = FORCE_NOISE / math.sqrt(20.0)
     assert force < 1.25 * white
     assert position < 1e-4
 
@@ -135,7 +132,7 @@ def test_feedback_hides_friction_from_position_not_from_force():
     found = replay_of(logs("coulomb", (("force", 10.0),)))
     setting = nominal(found, mass=96.5, coulomb=21.5, viscous=190.0)
     force, position = rms(found.measured - found.simulate([setting])[0])
-    assert force > 20.0 * AXIS.sensors.force_noise / math.sqrt(20.0)
+    assert force > 20.0 * FORCE_NOISE / math.sqrt(20.0)
     assert position > 1e-3  # let go for a second it drifts off
 
 
@@ -173,7 +170,7 @@ def test_logs_of_a_simulator_that_shares_no_code_are_understood(label, resistanc
 
 
 def test_a_setting_s_simulation_does_not_depend_on_its_neighbours():
-    found = replay_of(logs(), threads=3)
+    found = replay_of(logs())
     settings = [nominal(found, mass=m) for m in (93.0, 95.0, 97.0)]
     together = found.simulate(settings)
     for setting, values in zip(settings, together, strict=True):
@@ -215,7 +212,7 @@ def test_each_curve_moves_the_prediction():
 def test_the_menu_can_be_driven_and_a_load_parts_slope_from_offset():
     found = replay_of(logs())
     base, slope = nominal(found), 0.004
-    offset = -AXIS.axis.mass * 9.81 * math.sin(slope)
+    offset = -MASS * 9.81 * math.sin(slope)
     rivals = [
         dataclasses.replace(base, effects={"grade": np.array([slope])}),
         dataclasses.replace(base, effects={"force_offset": np.array([offset])}),
@@ -237,15 +234,6 @@ def test_a_log_of_current_is_read_by_the_force_constant():
     labels = {c.label for c in current.candidates}
     assert "sensor_delay (current)" in labels
     assert "sensor_delay (force)" not in labels
-
-
-def test_a_reversed_force_is_reported_and_used_with_the_right_sign():
-    runs = [dataclasses.replace(r, columns={**r.columns, "force": -r.columns["force"]}) for r in logs()]
-    found = replay_of(runs)
-    (note,) = [note for note in found.notes if "opposite sign" in note]
-    assert "scale = -1.0" in note
-    assert np.allclose(found.measured, replay_of(logs()).measured, equal_nan=True)
-    assert not [note for note in replay_of(logs()).notes if "opposite sign" in note]
 
 
 def test_gaps_and_spikes_are_masked_and_the_rest_is_at_the_floor():

@@ -6,35 +6,33 @@ import math
 
 import numpy as np
 import pytest
-from axis_logs import axis_moves
+from axis_logs import FORCE_CONSTANT, FORCE_NOISE, axis_moves
 from axis_reference import log_of, sign
 from nightly import representative
+from scipy.signal import savgol_filter
 
-from omnimj.effects import with_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.mjcf.axis import as_machine_logs
 from omnimj.estimate.replay.mjcf.kernels import shifted
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.estimate.replay.problem import Problem, fit
-from omnimj.parameters import read_axis
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.resources import models_folder
+from omnimj.simulate.machine.linear_axis import as_machine_logs
 
-AXIS = read_axis()
 MACHINE = read_machine_file(models_folder() / "linear_axis" / "linear_axis.xml")
-TRUE = dataclasses.replace(AXIS, axis=dataclasses.replace(AXIS.axis, mass=96.5, coulomb=21.5, viscous=190.0))
 TRUTH = {"carriage.mass": 56.5, "carriage.frictionloss": 21.5, "carriage.damping": 190.0, "timing": -1.7e-4}
-WHITE = AXIS.sensors.force_noise / math.sqrt(20.0)
+WHITE = FORCE_NOISE / math.sqrt(20.0)
 
 
 @functools.cache
 def logs(effect="", values=(), velocity=False, current=False):
-    axis = with_effects(TRUE, {effect: dict(values)}) if effect else TRUE
-    return axis_moves(axis, 3, 1, duration=6.0, velocity=velocity, current=current, declared=AXIS)
+    effects = {effect: dict(values)} if effect else {}
+    true = {"mass": 96.5, "coulomb": 21.5, "viscous": 190.0}
+    return axis_moves(effects, 3, seconds=6.0, velocity=velocity, current=current, true=true)
 
 
 def replay_of(runs, machine=MACHINE):
@@ -138,8 +136,14 @@ def test_the_play_of_an_axis_is_found_in_its_size(angle, measured):
 def test_a_current_is_the_command_of_the_actuator():
     current = replay_of(logs(current=True))
     assert [c.name for c in current.channels][:2] == ["control:drive", "position:carriage"]
-    # without the low-pass filter of measured forces
-    assert rms(current)[0] * AXIS.axis.force_constant < 2.8 * WHITE
+    # without the low-pass filter of measured forces: noise of the current, and of the position twice derived
+    log = current.log
+    noise = 1.04e-6 * np.random.default_rng(0).standard_normal(400_000)
+    width = round(2.0 * log.reach[0] / 1e-3) + 1
+    acceleration = savgol_filter(noise, width, 3, deriv=2, delta=1e-3)[:: round(log.period / 1e-3)]
+    means = acceleration.reshape(-1, log.size).mean(axis=1)
+    expected = np.hypot(FORCE_NOISE / math.sqrt(log.size), 96.5 * means.std())
+    assert 0.9 * expected < rms(current)[0] * FORCE_CONSTANT < 1.25 * expected
 
 
 def test_an_axis_needs_one_slide_with_one_actuator():

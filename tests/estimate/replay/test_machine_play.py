@@ -1,13 +1,15 @@
-"""Play between motor and link: against two masses integrated by the axis' equations, and in a replay."""
+"""Play between motor and link: against two masses with a stiff contact between them, and in a replay."""
 
+import functools
+import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from axis_logs import AXIS, COULOMB, DRIVE_MASS, MASS, VISCOUS, axis_moves
 
-from omnimj.effects import with_effects
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.mjcf.axis import as_machine_logs
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
     DAMPING,
@@ -22,64 +24,83 @@ from omnimj.estimate.replay.mjcf.kernels import (
 )
 from omnimj.estimate.replay.mjcf.play import follow_links, follow_motors
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
-from omnimj.parameters import read_axis
-from omnimj.physics.axis import DRIVE_SPEED, GAP, POSITION, SPEED, frozen, step
-from omnimj.plant.axis import axis_row, drive_axis, servo
 from omnimj.plant.mujoco.machine import read_machine_file
-from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.dataset import Dataset
 from omnimj.resources import models_folder
-from omnimj.simulate.suites.axis import wander
+from omnimj.simulate.machine.linear_axis import as_machine_logs
 
-AXIS = read_axis()
 MACHINE = read_machine_file(models_folder() / "linear_axis" / "linear_axis.xml")
 PERIOD, WIDE = 1e-3, 4e-4
 
 
-def two_masses(duration=4.0):
-    """States of drive and carriage under a force of two sines, at 20 steps per sample."""
-    row = frozen(axis_row(with_effects(AXIS, {"backlash": {"angle": WIDE}})))
-    state, states, fine = (0.0, 0.0, 0.5 * WIDE, 0.0, 0.0), [], 20
-    for k in range(round(duration / PERIOD)):
-        states.append(state)
-        for s in range(fine):
-            t = (k + (s + 0.5) / fine) * PERIOD
-            force = 60.0 * np.sin(5.0 * t) + 25.0 * np.sin(14.0 * t)
-            state = step(row, state, force, PERIOD / fine)
-    return np.array(states)
+class Two(NamedTuple):
+    """States of motor and link in every sample, shape (n,) each."""
+
+    position: np.ndarray
+    """Of the link [m]."""
+    speed: np.ndarray
+    gap: np.ndarray
+    """Motor − link [m]."""
+    motor_speed: np.ndarray
+
+
+def force_at(time):
+    return 60.0 * np.sin(5.0 * time) + 25.0 * np.sin(14.0 * time)
+
+
+@functools.cache
+def two_masses(duration=4.0, stiffness=1e8, fine=50):
+    """Motor and link under a force of two sines, in steps of 20 µs; a damped contact, smooth friction."""
+    h, count = PERIOD / fine, round(duration / PERIOD)
+    damping = 2.0 * math.sqrt(stiffness * DRIVE_MASS)
+    x = v = w = 0.0
+    gap, rows = 0.5 * WIDE, np.empty((4, count))
+    forces = force_at(np.arange(count * fine) * h).tolist()
+    for k, force in enumerate(forces):
+        if k % fine == 0:
+            rows[:, k // fine] = x, v, gap, w
+        beyond = abs(gap) - 0.5 * WIDE
+        side = 1.0 if gap > 0.0 else -1.0
+        push = side * max(stiffness * beyond + damping * side * (w - v), 0.0) if beyond > 0.0 else 0.0
+        friction = VISCOUS * v + COULOMB * math.tanh(v / 1e-4)
+        w += h * (force - push) / DRIVE_MASS
+        v += h * (push - friction) / (MASS - DRIVE_MASS)
+        x += h * v
+        gap += h * (w - v)
+    return Two(*rows)
 
 
 def test_the_link_moves_behind_the_motor_as_the_second_of_two_masses(measured):
     states = two_masses()
     law = np.zeros(LAW)
-    law[PLAY], law[REST_SPEED], law[DAMPING], law[DRY] = WIDE, 1e-5, AXIS.axis.viscous, AXIS.axis.coulomb
-    position, speed = states[:, POSITION] + states[:, GAP], states[:, DRIVE_SPEED].copy()
+    law[PLAY], law[REST_SPEED], law[DAMPING], law[DRY] = WIDE, 1e-5, VISCOUS, COULOMB
+    position, speed = states.position + states.gap, states.motor_speed.copy()
     acceleration = np.gradient(speed, PERIOD)
-    mass = np.full(len(speed), AXIS.axis.mass - AXIS.axis.drive_mass)
+    mass = np.full(len(speed), MASS - DRIVE_MASS)
     found, stretches = np.empty((4, len(speed))), np.array([[0, len(speed), 0, 0]])
     follow_links(law, stretches, PERIOD, position, speed, acceleration, mass * acceleration, mass, found)
-    gap = np.abs(found[0] - states[:, GAP])
+    gap = np.abs(found[0] - states.gap)
     measured("gap of play against two masses, mean over the width [1]", gap.mean() / WIDE, 0.03)
     assert gap.mean() < 0.03 * WIDE
-    assert np.abs(found[2] - states[:, SPEED]).mean() < 0.01 * np.abs(states[:, SPEED]).max()
-    apart = np.abs(states[:, GAP]) < 0.49 * WIDE
+    assert np.abs(found[2] - states.speed).mean() < 0.01 * np.abs(states.speed).max()
+    apart = np.abs(states.gap) < 0.49 * WIDE
     assert 0.02 < apart.mean() < 0.5 and (found[3][apart] == 0.0).mean() > 0.9
 
 
 def test_the_motor_moves_before_the_link_as_the_first_of_two_masses(measured):
-    states, inertia = two_masses(), AXIS.axis.drive_mass
+    states, inertia = two_masses(), DRIVE_MASS
     law = np.zeros(LAW)
     law[[GEAR, GAIN]], law[[LOW, HIGH]] = 1.0, (-np.inf, np.inf)
-    law[PLAY], law[ARMATURE], law[DAMPING], law[DRY] = WIDE, inertia, AXIS.axis.viscous, AXIS.axis.coulomb
-    times = np.arange(len(states)) * PERIOD
-    forces = 60.0 * np.sin(5.0 * times) + 25.0 * np.sin(14.0 * times)
-    position, speed = states[:, POSITION].copy(), states[:, SPEED].copy()
-    acceleration, mass = np.gradient(speed, PERIOD), np.full(len(speed), AXIS.axis.mass - inertia)
+    law[PLAY], law[ARMATURE], law[DAMPING], law[DRY] = WIDE, inertia, VISCOUS, COULOMB
+    forces = force_at(np.arange(len(states.speed)) * PERIOD)
+    position, speed = states.position.copy(), states.speed.copy()
+    acceleration, mass = np.gradient(speed, PERIOD), np.full(len(speed), MASS - inertia)
     columns = (forces, position, speed, acceleration, mass * acceleration, mass)
     found, stretches, on = np.empty(len(speed)), np.array([[0, len(speed), 0, 0]]), np.ones(len(speed), bool)
     follow_motors(law, stretches, PERIOD, on, *columns, found)
     ahead = np.cumsum(found) * PERIOD / inertia  # speed of the motor beyond that of the link
-    apart = np.abs(states[:, GAP]) < 0.49 * WIDE
-    true = states[:, DRIVE_SPEED] - states[:, SPEED]
+    apart = np.abs(states.gap) < 0.49 * WIDE
+    true = states.motor_speed - states.speed
     error = np.abs(ahead - true).mean() / np.abs(true[apart]).max()
     measured("speed of a motor before its play, mean error over the largest [1]", error, 0.02)
     assert error < 0.02
@@ -88,12 +109,9 @@ def test_the_motor_moves_before_the_link_as_the_first_of_two_masses(measured):
 @pytest.fixture(scope="module", params=["encoder on the motor", "encoder on the link"])
 def loose(request):
     on_link = request.param == "encoder on the link"
-    sensors = replace(AXIS.sensors, encoder_at_drive=int(not on_link))
-    axis = with_effects(replace(AXIS, sensors=sensors), {"backlash": {"angle": 3e-4}})
-    path = wander(0.1, 0.3, 12.0, PERIOD)
-    columns = drive_axis(axis, path, servo(AXIS), seed=1)
-    run = Run("a", {name: columns[name] for name in ("time", "force", "position")}, {}, {})
-    machine = replace(MACHINE, encoders_on_links=MACHINE.joints if on_link else ())
+    axis = replace(AXIS, encoders_on_links=AXIS.joints if on_link else ())
+    run = axis_moves({"backlash": {"angle": 3e-4}}, 1, axis=axis, count=1)[0]
+    machine = replace(MACHINE, encoders_on_links=axis.encoders_on_links)
     return MachineReplay(as_machine_logs(Dataset(MACHINE.file, "linear_axis", (run,)), machine), machine)
 
 

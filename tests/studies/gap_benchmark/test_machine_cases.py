@@ -13,6 +13,7 @@ from omnimj.errors import UnknownNameError
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.read_dataset import read_dataset
+from omnimj.simulate.machine.drive import logged_run, simulated_rows
 from omnimj.studies.gap_benchmark.cases import HiddenEffect, case_from_dict
 from omnimj.studies.gap_benchmark.hand_equations import integrated_rows
 from omnimj.studies.gap_benchmark.machine_cases import (
@@ -25,7 +26,6 @@ from omnimj.studies.gap_benchmark.machine_cases import (
     make_machine_dataset,
     true_machine,
 )
-from omnimj.studies.gap_benchmark.machine_drive import logged_run, simulated_rows
 from omnimj.studies.gap_benchmark.plants import benchmark_plant
 from omnimj.studies.gap_benchmark.trial import hidden_candidate, true_heldout
 

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.gap.check.columns import fill_masked
+from omnimj.estimate.gap.check.columns import fill_masked, unwrap_counter
 from omnimj.estimate.gap.check.suspicions import Link
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 CLEAR = 0.6
 """Correlation of two channels from which on their link counts."""
+_WINDOW = 4.0  # [s] longest stretch of one comparison of velocity and position
 _FARTHEST = 0.08  # [s] largest delay in the search
 _FEWEST = 30  # samples of a stretch
 _TOGETHER = 0.15  # [s] longest time between the step and the first motion
@@ -228,3 +229,17 @@ def _crossing(time: Array, values: Array, level: float) -> float:
         return float("nan")
     part = (level - values[k - 1]) / (values[k] - values[k - 1])
     return float(time[k - 1] + part * (time[k] - time[k - 1]))
+
+
+def velocity_comparison(runs: Sequence[Run], joint: str) -> Comparison | None:
+    """Position of a joint compared with its integrated velocity; None where this was not measured."""
+    stretches, velocity = [], f"velocity:{joint}"
+    for run in runs:
+        if velocity in run.columns:
+            moved = integral(run.time, fill_masked(run, velocity))
+            place = unwrap_counter(fill_masked(run, f"position:{joint}"))
+            size = max(60, int(_WINDOW / max(float(np.median(np.diff(run.time))), 1e-6)))
+            stretches += [
+                Stretch(run.time[w], moved[w], place[w]) for w in split_stretch(len(run.time), size)
+            ]
+    return compare(stretches) if stretches else None

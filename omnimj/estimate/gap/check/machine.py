@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from omnimj.estimate.gap.check.axis import velocity_comparison
 from omnimj.estimate.gap.check.columns import column_suspicions
-from omnimj.estimate.gap.check.compare import CLEAR, clear_link
+from omnimj.estimate.gap.check.compare import CLEAR, clear_link, velocity_comparison
+from omnimj.estimate.gap.check.magnitudes import Limit, beyond_reach, magnitude_suspicions
+from omnimj.estimate.gap.check.slide import is_slide, slide_suspicions, slide_time_links
 from omnimj.estimate.gap.check.suspicions import GROSS, Suspicion, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.plant.mujoco.machine import Machine
@@ -28,9 +29,32 @@ def machine_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion
     inputs = [f"{kind}:{drive.name}" for drive in machine.drives for kind in ("force", "control")]
     powered = replace(dataset, runs=[_powered(run, machine) for run in dataset.runs])
     yield from column_suspicions(powered, (*names, *speeds, *inputs), (*speeds, *names), names)
+    large = list(magnitude_suspicions(powered.runs, tuple(_limits(machine)), (*speeds, *names)))
+    yield from large
+    if is_slide(machine):
+        yield from slide_suspicions(powered.runs, machine, beyond_reach(large))
+        return
     for joint in machine.joints:
         yield from _velocity_suspicions(dataset.runs, joint)
     yield from _input_suspicions(dataset, machine)
+
+
+def _limits(machine: Machine) -> Iterator[Limit]:
+    """Limits of joints and actuators, where the MJCF file states them."""
+    m = machine.mj_model
+    for j, joint in enumerate(machine.joints):
+        if m.jnt_limited[j]:
+            low, high = m.jnt_range[j].tolist()
+            words = f"the range of {joint} is {low:.4g} to {high:.4g}"
+            half = 0.5 * (high - low)
+            yield Limit(f"position:{joint}", half, half, words, True)
+    for drive in machine.drives:
+        kinds = {"force": drive.force_range, "control": drive.command_range}
+        for kind, ends in kinds.items():
+            most = max(abs(end) for end in ends)
+            if np.isfinite(most):
+                words = f"the largest {kind} of {drive.name} is {most:.4g}"
+                yield Limit(f"{kind}:{drive.name}", most, most, words)
 
 
 def _powered(run: Run, machine: Machine) -> Run:
@@ -45,19 +69,8 @@ def _powered(run: Run, machine: Machine) -> Run:
     return replace(run, masked=masked)
 
 
-def _renamed(runs: Sequence[Run], joint: str) -> list[Run]:
-    """Runs with the columns `position` and `velocity` of one joint."""
-    found = []
-    for run in runs:
-        names = {f"{kind}:{joint}": kind for kind in ("position", "velocity")}
-        columns = {short: run.columns[name] for name, short in names.items() if name in run.columns}
-        masks = {short: run.masked[name] for name, short in names.items() if name in run.masked}
-        found.append(replace(run, columns={"time": run.time, **columns}, masked=masks))
-    return found
-
-
 def _velocity_suspicions(runs: Sequence[Run], joint: str) -> Iterator[Suspicion]:
-    pair = velocity_comparison(_renamed(runs, joint))
+    pair = velocity_comparison(runs, joint)
     if pair is None or abs(pair.correlation) <= CLEAR:
         return
     velocity, position = f"velocity:{joint}", f"position:{joint}"
@@ -102,10 +115,10 @@ def _scale(force: Array, rigid: Array, speed: Array) -> tuple[float, float]:
 
 
 def machine_time_links(runs: Sequence[Run], machine: Machine) -> list[TimeLink]:
-    """Links of velocities with the change of positions."""
-    found = []
+    """Links of velocities with the change of positions, and of a slide's input with its motion."""
+    found = slide_time_links(runs, machine) if is_slide(machine) else []
     for joint in machine.joints:
-        pair = velocity_comparison(_renamed(runs, joint))
+        pair = velocity_comparison(runs, joint)
         if pair is not None and abs(pair.correlation) > CLEAR and pair.scale != 0.0:
             found.append(TimeLink((f"velocity:{joint}", f"position:{joint}"), abs(pair.scale)))
     return found

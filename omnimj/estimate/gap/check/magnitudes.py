@@ -9,7 +9,7 @@ import numpy as np
 
 from omnimj.estimate.gap.check.columns import fill_masked, moving_mask
 from omnimj.estimate.gap.check.suspicions import GROSS, SURE_STRENGTH, Suspicion, units_of
-from omnimj.parameters import Axis, Rig, Robot
+from omnimj.parameters import Rig, Robot
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
@@ -61,18 +61,6 @@ def robot_limits(robot: Robot) -> tuple[Limit, ...]:
         *(Limit(f"wheel_speed_{i}", *speed) for i in wheels),
         *(Limit(name, *_accelerometer(robot)) for name in ("acceleration_x", "acceleration_y")),
         Limit("yaw_rate", gyro, gyro, f"the gyro's range is {gyro:.4g} rad/s"),
-    )
-
-
-def axis_limits(axis: Axis) -> tuple[Limit, ...]:
-    """Limits of the axis's channels."""
-    force = axis.axis.force_limit
-    current = force / axis.axis.force_constant
-    travel = axis.axis.travel
-    return (
-        Limit("force", force, force, f"the drive's force limit is {force:.4g} N"),
-        Limit("current", current, current, f"the drive's force limit needs {current:.4g} A"),
-        Limit("position", travel, travel, f"the guide's travel is ±{travel:.4g} m", True),
     )
 
 

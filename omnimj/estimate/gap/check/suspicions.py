@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,14 @@ class Suspicion:
         Only a wrong sign or unit makes two channels contradict each other beyond what a machine can do.
         """
         return self.is_sure or (self.kind in ("unit", "sign") and self.strength >= SURE_STRENGTH)
+
+    def renamed(self, names: Mapping[str, str]) -> Suspicion:
+        """The same suspicion with other names of channels."""
+        words = self.words
+        for name, other in names.items():
+            words = words.replace(name, other)
+        others = tuple(names.get(name, name) for name in self.or_channels)
+        return replace(self, channel=names.get(self.channel, self.channel), words=words, or_channels=others)
 
 
 @dataclass(frozen=True)

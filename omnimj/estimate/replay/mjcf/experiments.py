@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from omnimj.effects import AXIS
 from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.interface import Experiment
 from omnimj.estimate.replay.mjcf.log import MachineLog
@@ -39,7 +38,7 @@ def machine_experiments(machine: Machine, spans: Spans) -> tuple[Experiment, ...
             for name, (_, _, words) in _MOVES.items():
                 about = {"joint": joint, "move": name, "duration": _LENGTH}
                 found.append(Experiment(f"{name} of {joint}", f"move {joint} {words}", about))
-    if machine.plant == AXIS:
+    if len(machine.joints) == 1 and machine.parts(BODY):
         found += [_loaded(machine, one) for one in found]
     return tuple(found)
 

@@ -429,3 +429,21 @@ def window_rows(windows: NDArray[np.int64], size: int) -> NDArray[np.intp]:
     """Rows of the blocks of some windows."""
     parts = [np.arange(w[2], w[2] + (w[1] - w[0]) // size) for w in windows]
     return np.concatenate(parts) if parts else np.zeros(0, np.intp)
+
+
+@kernel
+def since_reversal(direction):
+    """Rows since a joint last reversed, or since the start of the stretch, shape (n,).
+
+    Args:
+      direction: −1, 0 at rest, or 1 in every row, shape (n,).
+    """
+    found, last, count = np.empty(direction.size), 0.0, 0.0
+    for k in range(direction.size):
+        if direction[k] != 0.0 and direction[k] != last:
+            if last != 0.0:
+                count = 0.0
+            last = direction[k]
+        found[k] = count
+        count += 1.0
+    return found

@@ -155,7 +155,6 @@ class LawMaker:
                 row[place] = values[JOINT, name, key]
             for place, key in _TERMS.items():
                 row[place] = changes.terms.get((JOINT, name, key), 0.0)
-            row[QUADRATIC] += changes.terms.get((JOINT, name, "drag"), 0.0)
             row[STRIBECK_VELOCITY] = row[STRIBECK_VELOCITY] or 1.0
             row[PLACE_WIDTH] = row[PLACE_WIDTH] or 1.0
             row[REST_SPEED], row[LOW], row[HIGH], row[GEAR] = self.rest_speed[j], -np.inf, np.inf, 1.0

@@ -100,7 +100,8 @@ class MachineReplay:
         self._windows = self._chosen_windows()
         self._known: Remembered[Array] = Remembered(_KEPT)
         rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
-        self.base = base_parameters(machine, self._timing_period())
+        period = min(float(np.median(np.diff(run.time))) for run in self._runs)
+        self.base = base_parameters(machine, period)
         self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
@@ -121,10 +122,6 @@ class MachineReplay:
         scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
         self.notes = (*self.parts.notes, *scope, *contacts)
         """Notes on columns and rows that are not used, excited joints and effects that are not sought."""
-
-    def _timing_period(self) -> float:
-        """Period of which the error of the clocks is a share [s]."""
-        return self.log.period
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
@@ -154,7 +151,37 @@ class MachineReplay:
             found[f"{before}position"] = (unit, place)
             found[f"{before}speed"] = (f"{unit}/s", speed)
             found[f"{before}acceleration"] = (f"{unit}/s2", acceleration)
+            direction, since = self._means(self._direction(j)).T
+            found[f"{before}direction"] = ("1", np.rint(direction))
+            found[f"{before}reversal"] = ("s", since)
+            own = self.parts.inputs[j]
+            if own is not None:
+                force = ("N.m" if unit == "rad" else "N") if own.is_force else "1"
+                name = "force" if own.is_force else "command"
+                found[f"{before}{name}"] = (force, self._means(log.inputs[:, j : j + 1])[:, 0])
         found["time"] = ("s", self._means(log.times[:, None])[:, 0])
+        return {**found, **self._stated()}
+
+    def _direction(self, j: int) -> Array:
+        """Direction of a joint, 0 at rest, and time since it last reversed, shape (rows, 2) [1, s]."""
+        log, found = self.log, np.empty((len(self.log.times), 2))
+        moving = np.abs(log.speed[:, j]) >= self._maker.rest_speed[j]
+        found[:, 0] = np.where(moving, np.sign(log.speed[:, j]), 0.0)
+        for first, last, _, _ in log.stretches:
+            found[first:last, 1] = log.period * kernels.since_reversal(found[first:last, 0])
+        return found
+
+    def _stated(self) -> dict[str, tuple[str, Array]]:
+        """Masses of bodies that differ between the runs."""
+        log, found = self.log, {}
+        stated = [stated_masses(run, self._machine, run.name) for run in self._runs]
+        for part in dict.fromkeys(part for masses in stated for part in masses):
+            own = np.array([masses.get(part, self._machine.values[part]) for masses in stated])
+            if np.ptp(own) > 0.0:
+                rows = np.empty((len(log.times), 1))
+                for (first, last, _, _), run in zip(log.stretches, log.run_of_stretch, strict=True):
+                    rows[first:last] = own[run]
+                found[f"mass of {part[1]}"] = ("kg", self._means(rows)[:, 0])
         return found
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
@@ -374,7 +401,8 @@ class MachineReplay:
                 error = float(log.speed_noise[j])
                 found.append(Channel(f"velocity:{name}", f"{units[j]}/s", f"speed of {name}", 0.0, error))
         found += [Channel(f"sensor:{name}", "1", f"sensor {name}") for name in self.parts.sensors]
-        return tuple(found)
+        names = self._machine.column_names
+        return tuple(replace(one, name=names.get(one.name, one.name)) for one in found)
 
     def _segments(self) -> tuple[Segment, ...]:
         log, segments = self.log, []

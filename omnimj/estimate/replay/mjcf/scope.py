@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.effects import MJCF, effects_of
+from omnimj.effects import effects_of
 from omnimj.effects.parts import ACTUATOR, JOINT
 from omnimj.estimate.replay.interface import EXCITED, NOT_SOUGHT, CandidateEffect
 from omnimj.estimate.replay.mjcf.columns import MeasuredParts
@@ -59,8 +59,7 @@ def scope_notes(
     if excited:
         yield f"{EXCITED}: {', '.join(excited)}"
     yield from _one_way(parts, spans, log)
-    if machine.plant == MJCF:
-        yield from _not_sought(machine, parts, spans, candidates)
+    yield from _not_sought(machine, parts, spans, candidates)
 
 
 def _one_way(parts: MeasuredParts, spans: Spans, log: MachineLog) -> Iterator[str]:
@@ -81,15 +80,16 @@ def _not_sought(
     """Effects without a candidate, by part and reason."""
     had = {(c.effect, *c.selectors.values()) for c in candidates}
     found: dict[Lack, list[str]] = {}
-    for effect in effects_of(MJCF).values():
+    effects = effects_of(machine.plant)
+    for effect in (one for one in effects.values() if one.selectors):
         (selector,) = effect.selectors
         names = machine.parts(selector.name) if selector.name in (JOINT, ACTUATOR) else ()
         for name in names:
             lack = _lack(effect.name, selector.name, name, machine, parts, spans)
             if lack is not None and (effect.name, name) not in had:
                 found.setdefault(lack, []).append(effect.name)
-    for lack, effects in found.items():
-        yield f"{NOT_SOUGHT}: {', '.join(effects)} on {lack.part}: {lack.reason}; {lack.remedy}"
+    for lack, lacking in found.items():
+        yield f"{NOT_SOUGHT}: {', '.join(lacking)} on {lack.part}: {lack.reason}; {lack.remedy}"
     if not np.any(machine.mj_model.opt.gravity):
         yield f"{NOT_SOUGHT}: grade: {machine.file.name} has no gravity; state it if the machine feels it"
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from omnimj.effects import AXIS, Effect, effects_of
+from omnimj.effects import Effect, effects_of
 from omnimj.effects.mjcf import AXIS_OF_TILT
 from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, joint_unit
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, CandidateParameter
@@ -104,8 +104,11 @@ def _choices(
     effect: Effect, machine: Machine, parts: MeasuredParts, spans: Spans
 ) -> Iterator[dict[str, str]]:
     """Parts on which an effect can show."""
-    if machine.plant == AXIS:
-        yield from _axis_choices(effect, machine, parts)
+    if not effect.selectors:  # of the only joint
+        has_channel = not effect.name.startswith("velocity") or parts.has_velocity[0]
+        is_new = effect.name not in _ONCE or not any(key.startswith(effect.name) for key in machine.effects)
+        if has_channel and is_new:
+            yield {}
         return
     (selector,) = effect.selectors
     moving = [name for name in parts.joints if spans[name].is_excited]
@@ -125,20 +128,23 @@ def _choices(
                 yield {ACTUATOR: own.drive.name}
     elif selector.name == BODY:
         yield from ({BODY: name} for name in _moved_bodies(machine, moving))
+    elif selector.name == CHANNEL and selector.choices:
+        names = (machine.column_names.get(name, name) for name in _measured_columns(parts))
+        yield from ({CHANNEL: name} for name in names if name in selector.choices)
     elif selector.name == CHANNEL:
         yield from ({CHANNEL: name} for name in _channels(effect.name, parts, moving))
     elif np.any(machine.mj_model.opt.gravity):
         yield from ({AXIS_OF_TILT.name: str(axis)} for axis in AXIS_OF_TILT.choices)
 
 
-def _axis_choices(effect: Effect, machine: Machine, parts: MeasuredParts) -> Iterator[dict[str, str]]:
-    """Channels of an axis on which an effect can show; one choice of nothing for any other effect."""
-    if effect.selectors:
-        yield from ({CHANNEL: name} for name in machine.columns)
-    elif effect.name.startswith("velocity") and not parts.has_velocity[0]:
-        return
-    elif effect.name not in _ONCE or not any(key.startswith(effect.name) for key in machine.effects):
-        yield {}
+def _measured_columns(parts: MeasuredParts) -> Iterator[str]:
+    """Columns of the joints and their inputs."""
+    for name, own, has_velocity in zip(parts.joints, parts.inputs, parts.has_velocity, strict=True):
+        yield f"position:{name}"
+        if own is not None:
+            yield own.column
+        if has_velocity:
+            yield f"velocity:{name}"
 
 
 _ONCE = ("stribeck", "position_friction", "stiffness", "cable_drag")
@@ -289,12 +295,13 @@ def _payload(effect: Effect, machine: Machine, body: str) -> tuple[CandidatePara
 
 
 def free_curves(spans: Spans) -> dict[str, float]:
-    """Variable of each free curve, `elbow speed` → typical force [N or N.m]."""
+    """Variable of each free curve, `elbow speed`, or `speed` of the only joint → typical force [N or N.m]."""
     found = {}
     for name, span in spans.items():
         if span.is_excited:
             kinds = ("speed", "position", "time") if len(spans) < 3 else ("speed", "position")
-            found |= {f"{name} {kind}": NOTICED * span.force for kind in kinds}
+            before = f"{name} " if len(spans) > 1 else ""
+            found |= {f"{before}{kind}": NOTICED * span.force for kind in kinds}
     return found
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters import read_axis
 from omnimj.resources import models_folder
+from omnimj.simulate.machine.linear_axis import read_axis
 
 SHIPPED = (models_folder() / "linear_axis" / "axis.toml").read_text()
 
@@ -18,22 +18,14 @@ def changed(tmp_path, old, new):
     return path
 
 
-def test_the_shipped_axis_is_an_ordinary_one():
-    axis = read_axis()
-    assert axis.axis.drive_mass < axis.axis.mass
-    assert axis.axis.coulomb < axis.axis.force_limit
-    assert not axis.effects
-
-
-def test_a_quantity_keeps_its_uncertainty():
-    provenance = read_axis().provenance
-    assert provenance["axis.mass"].uncertainty == 3.0
-    assert provenance["axis.travel"].uncertainty == 0.0
+def test_a_quantity_is_as_uncertain_as_stated():
+    widths = {one.name: (one.value, one.half_width) for one in read_axis().uncertain}
+    assert widths == {"mass": (95.0, 3.0), "coulomb": (20.0, 3.0), "viscous": (200.0, 20.0)}
 
 
 def test_friction_may_be_really_missing(tmp_path):
     axis = read_axis(changed(tmp_path, "value = 20.0", "value = 0.0"))
-    assert axis.axis.coulomb == 0.0
+    assert axis.values["joint", "carriage", "frictionloss"] == 0.0
 
 
 @pytest.mark.parametrize(

@@ -1,109 +1,135 @@
-"""Relations between the channels of a linear axis: velocity and position, force and motion."""
+"""Relations between the channels of a single slide: velocity and position, force and motion.
+
+Its rigid bodies need the force m a and a constant one, so that the logs alone show the mass.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from scipy.signal import savgol_filter
 
+from omnimj.effects.parts import BODY
 from omnimj.estimate.gap.check.columns import fill_masked, unwrap_counter
-from omnimj.estimate.gap.check.compare import Comparison, Stretch, compare, integral, split_stretch
+from omnimj.estimate.gap.check.compare import velocity_comparison
 from omnimj.estimate.gap.check.suspicions import Link, Suspicion, unit_of, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
-from omnimj.parameters import Axis
-from omnimj.recording.dataset import Run
+from omnimj.plant.mujoco.machine import Machine
+from omnimj.plant.mujoco.quantities import is_hinge
+from omnimj.recording.dataset import MASS_OF, Run
 from omnimj.signals import Array
 
-NOISY = ("force", "current", "velocity", "position")
-
-_WINDOW = 4.0  # [s] longest stretch of one comparison
 _CLEAR = 0.6
 _TIGHT = np.log(1.04)
 _DELAY = 0.004  # [s] largest healthy delay between velocity and position
 _FORCE_DELAY = 0.008  # [s] largest healthy delay between motion and force
 _SMOOTH = 0.03  # [s] filter length for differentiating a position
 _MASS = np.log(3.0)  # permitted |log| of implied over declared mass
-_DRIVES = 0.2
 _FAR = 0.1  # [s] largest delay in the search
-_BEYOND = 3.0  # range of a position in guide lengths, above which the position is wrong
 
 
-def axis_suspicions(runs: Sequence[Run], axis: Axis, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of an axis.
+@dataclass(frozen=True)
+class _Slide:
+    """Columns of the only joint and of its actuator."""
+
+    machine: Machine
+    position: str
+    velocity: str
+    input: str
+    is_force: bool
+
+    @property
+    def force_per_unit(self) -> float:
+        """Force on the joint per unit of its input."""
+        (drive,) = self.machine.drives
+        return drive.gear * (1.0 if self.is_force else drive.gain)
+
+    def mass(self, run: Run) -> float:
+        """Moving mass of a run, armature included [kg]."""
+        model, stated = self.machine.mj_model, 0.0
+        for key, value in run.conditions.items():
+            if key.startswith(MASS_OF):
+                stated += float(value) - self.machine.values[BODY, key.removeprefix(MASS_OF), "mass"]
+        full, data = np.zeros((1, 1)), mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        return float(full[0, 0]) + stated
+
+
+def _slide(runs: Sequence[Run], machine: Machine) -> _Slide:
+    (joint,), (drive,) = machine.joints, machine.drives
+    force = f"force:{drive.name}"
+    is_force = all(force in run.columns for run in runs)
+    name = force if is_force else f"control:{drive.name}"
+    return _Slide(machine, f"position:{joint}", f"velocity:{joint}", name, is_force)
+
+
+def is_slide(machine: Machine) -> bool:
+    """True for a machine of a single slide with an actuator."""
+    is_single = len(machine.joints) == len(machine.drives) == 1
+    return is_single and not is_hinge(machine.mj_model, machine.joints[0])
+
+
+def slide_suspicions(
+    runs: Sequence[Run], machine: Machine, beyond: Sequence[str] = ()
+) -> Iterator[Suspicion]:
+    """Yield contradictions between the channels of a slide.
 
     Args:
       runs: All runs.
-      axis: Declared mass, force constant and travel.
+      machine: Declares mass and force of the actuator.
       beyond: Channels with values that the machine cannot reach.
     """
-    pair = velocity_comparison(runs)
+    slide = _slide(runs, machine)
+    pair = velocity_comparison(runs, machine.joints[0])
     links = []
     if pair is not None and abs(pair.correlation) > _CLEAR:
-        links.append(Link("velocity", "position", pair.scale, _TIGHT, abs(pair.correlation)))
+        links.append(Link(slide.velocity, slide.position, pair.scale, _TIGHT, abs(pair.correlation)))
         late = pair.delay
         error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
         if abs(late) > max(_DELAY, 3.0 * error):
-            name, other = ("position", "velocity") if late > 0.0 else ("velocity", "position")
+            names = (slide.position, slide.velocity)
+            name, other = names if late > 0.0 else reversed(names)
             words = f"{name} is {1e3 * abs(late):.1f} ms late against {other}"
             yield Suspicion(name, "delay", abs(late), abs(late) / _DELAY, words)
-    force, motion = _motion(runs, axis)
-    links += motion.links(force)
+    motion = _motion(runs, slide)
+    links += motion.links(slide)
     yield from wrong_signs(links)
-    yield from (_settled(s, runs, axis, force) for s in wrong_scales(links, beyond=beyond))
-    yield from motion.late(force)
+    yield from (_settled(s, slide, beyond) for s in wrong_scales(links, beyond=beyond))
+    if slide.is_force:  # an actuator may answer late
+        yield from motion.late(slide)
 
 
-def axis_time_links(runs: Sequence[Run], axis: Axis) -> list[TimeLink]:
-    """Links of velocity and force with the change of the position; F = m a gives τ² = declared m/fitted m."""
-    found = []
-    pair = velocity_comparison(runs)
-    if pair is not None and abs(pair.correlation) > _CLEAR and pair.scale != 0.0:
-        found.append(TimeLink(("velocity", "position"), abs(pair.scale)))
-    force, motion = _motion(runs, axis)
-    found += [
-        TimeLink((force, "position"), float(np.sqrt(abs(link.scale))), 2)
-        for link in motion.links(force)
+def slide_time_links(runs: Sequence[Run], machine: Machine) -> list[TimeLink]:
+    """Link of the input with the second derivative of the position: F = m a gives τ² = declared/fitted m."""
+    slide = _slide(runs, machine)
+    links = _motion(runs, slide).links(slide)
+    return [
+        TimeLink((slide.input, slide.position), float(np.sqrt(abs(link.scale))), 2)
+        for link in links
         if link.scale
     ]
-    return found
 
 
-def velocity_comparison(runs: Sequence[Run]) -> Comparison | None:
-    """Comparison of the position with the integrated velocity."""
-    stretches = []
-    for run in runs:
-        if "velocity" in run.columns:
-            moved = integral(run.time, fill_masked(run, "velocity"))
-            place = unwrap_counter(fill_masked(run, "position"))
-            size = max(60, int(_WINDOW / max(float(np.median(np.diff(run.time))), 1e-6)))
-            stretches += [
-                Stretch(run.time[w], moved[w], place[w]) for w in split_stretch(len(run.time), size)
-            ]
-    return compare(stretches) if stretches else None
+def _motion(runs: Sequence[Run], slide: _Slide) -> _Motion:
+    """Force of the actuator, compared with the motion."""
+    return _Motion.of([run for run in runs if slide.input in run.columns], slide)
 
 
-def _motion(runs: Sequence[Run], axis: Axis) -> tuple[str, _Motion]:
-    """Channel of the drive, and its force compared with the motion."""
-    force = "force" if all("force" in run.columns for run in runs) else "current"
-    constant = 1.0 if force == "force" else axis.axis.force_constant
-    logged = [run for run in runs if force in run.columns]
-    return force, _Motion.of(logged, force, constant, axis.axis.mass)
-
-
-def _settled(found: Suspicion, runs: Sequence[Run], axis: Axis, force: str) -> Suspicion:
-    """Blame the position if its range exceeds the length of the guide, else the force."""
-    if {found.channel, *found.or_channels} != {force, "position"}:
+def _settled(found: Suspicion, slide: _Slide, beyond: Sequence[str]) -> Suspicion:
+    """Blame the position if the machine cannot reach it, else the input."""
+    if {found.channel, *found.or_channels} != {slide.input, slide.position}:
         return found
-    far = max(float(np.ptp(fill_masked(run, "position"))) for run in runs)
-    is_place = far > _BEYOND * 2.0 * axis.axis.travel
-    name, other = ("position", force) if is_place else (force, "position")
+    is_place = slide.position in beyond
+    name, other = (slide.position, slide.input) if is_place else (slide.input, slide.position)
     size = found.size if name == found.channel else 1.0 / found.size
     size = unit_of(size, name)[0] or size
-    words = f"{name} is {size:.4g} times the value implied by {force} and the declared mass"
+    words = f"{name} is {size:.4g} times the value implied by {slide.input} and the declared mass"
     if is_place:
-        words += f", and a travel of {far:.4g} m is beyond the guide"
+        words += ", and the joint cannot reach it"
     return replace(found, channel=name, size=size, words=words, or_channels=() if is_place else (other,))
 
 
@@ -114,22 +140,21 @@ class _Motion:
         self._rows, self._masses = rows, masses
 
     @classmethod
-    def of(cls, runs: Sequence[Run], force: str, constant: float, mass: float) -> _Motion:
+    def of(cls, runs: Sequence[Run], slide: _Slide) -> _Motion:
         """Smooth the motion of all runs; each sample represents its smoothing window."""
         rows, masses = [], []
         for run in runs:
             step = float(np.median(np.diff(run.time)))
-            place = unwrap_counter(fill_masked(run, "position"))
+            place = unwrap_counter(fill_masked(run, slide.position))
             length = max(7, round(_SMOOTH / step) // 2 * 2 + 1)
             if len(place) <= 3 * length:
                 continue
             speed = savgol_filter(place, length, 3, deriv=1, delta=step)
             acceleration = savgol_filter(place, length, 3, deriv=2, delta=step)
-            pushed = savgol_filter(constant * fill_masked(run, force), length, 3)
+            pushed = savgol_filter(slide.force_per_unit * fill_masked(run, slide.input), length, 3)
             keep = slice(length, len(place) - length)
             rows.append((run.time[keep], pushed[keep], speed[keep], acceleration[keep]))
-            declared = run.conditions.get("mass")
-            masses.append(float(declared) if isinstance(declared, int | float) else mass)
+            masses.append(slide.mass(run))
         return cls(rows, masses)
 
     def _fit(self, delay: float) -> tuple[Array, float, float]:
@@ -150,8 +175,8 @@ class _Motion:
         weight = float((whole[0] * scale[0]) ** 2 / max(inverse[0, 0], 1e-300))
         return whole, left / max(total, 1e-300), weight / max(total, 1e-300)
 
-    def links(self, force: str) -> list[Link]:
-        """Return the link of force and position: declared over fitted mass, with its sign."""
+    def links(self, slide: _Slide) -> list[Link]:
+        """Return the link of input and position: declared over fitted mass, with its sign."""
         if not self._rows:
             return []
         whole, left, weight = self._fit(0.0)
@@ -159,11 +184,10 @@ class _Motion:
             return []
         declared = float(np.mean(self._masses))
         # a position in millimetres makes the mass look a thousand times smaller
-        return [
-            Link(force, "position", float(declared / whole[0]), _MASS, float(np.sqrt(max(1.0 - left, 0.0))))
-        ]
+        weight = float(np.sqrt(max(1.0 - left, 0.0)))
+        return [Link(slide.input, slide.position, float(declared / whole[0]), _MASS, weight)]
 
-    def late(self, force: str) -> Iterator[Suspicion]:
+    def late(self, slide: _Slide) -> Iterator[Suspicion]:
         """Yield a position that lags behind the force, or a force that is logged late."""
         if not self._rows:
             return
@@ -174,6 +198,6 @@ class _Motion:
         found, now = float(delays[k]), float(self._fit(0.0)[1])
         allowed = max(_FORCE_DELAY, 2.0 * step)
         if 0 < k < len(delays) - 1 and abs(found) > allowed and left[k] < 0.5 * now and left[k] < 0.2:
-            name = "position" if found > 0.0 else force
+            name = slide.position if found > 0.0 else slide.input
             words = f"{name} is {1e3 * abs(found):.0f} ms late: force and motion then fit"
             yield Suspicion(name, "delay", abs(found), abs(found) / allowed, words)

@@ -16,6 +16,7 @@ import numpy as np
 from omnimj.effects import ChannelEffect
 from omnimj.effects.mjcf import NO_LIMIT
 from omnimj.effects.parts import ACTUATOR, JOINT, PartChanges
+from omnimj.errors import InputError
 from omnimj.physics.native import kernel
 from omnimj.plant.mujoco.machine import Machine, apply_part_effects
 from omnimj.plant.mujoco.quantities import (
@@ -26,8 +27,9 @@ from omnimj.plant.mujoco.quantities import (
     with_masses,
 )
 from omnimj.signals import Array
-from omnimj.studies.gap_benchmark.unmodelled import UnmodelledEffect
 
+CONTACT = 1500.0
+"""Natural frequency of the motor against a link with play [rad/s]."""
 _TERMS = {
     "asymmetric_dry": "asymmetric_coulomb",
     "asymmetric_viscous": "asymmetric_viscous",
@@ -41,6 +43,7 @@ _TERMS = {
     "hose_rest": "spring_rest",
     "offset": "offset",
     "compliance": "compliance",
+    "play": "play",
 }
 
 
@@ -65,6 +68,7 @@ class JointTruth(NamedTuple):
     hose_rest: float
     offset: float
     compliance: float
+    play: float
     gear: float
     gain: float
     bias: float
@@ -79,15 +83,17 @@ class JointTruth(NamedTuple):
     """Time constant of the actuator [s]."""
     fading: float
     """Loss c of the force F of its actuator, F/(1 + c |F|) [1/N or 1/(N.m)]."""
-    growing_dry: float
+    on_link: bool
+    """True if the position is measured on the link, behind spring and play; otherwise on the motor."""
+    growing_dry: float = 0.0
     """Dry friction that builds up with speed and saturates, outside the library."""
-    growing_speed: float
-    ripple: float
+    growing_speed: float = 1.0
+    ripple: float = 0.0
     """Force that repeats with the position, outside the library."""
-    ripple_waves: float
+    ripple_waves: float = 0.0
     """Its waves per radian or metre."""
-    ripple_phase: float
-    braking_loss: float
+    ripple_phase: float = 0.0
+    braking_loss: float = 0.0
     """Share of the actuator's force that the gear wastes while the links drive it, outside the library."""
 
 
@@ -131,6 +137,31 @@ def actuator_force(joint, command, position, speed):
     return force * (1.0 - joint.braking_loss) if force * speed < 0.0 else force
 
 
+@kernel
+def is_apart(joint):
+    """True if the motor turns beside the link, behind a spring or with play."""
+    return joint.compliance > 0.0 or joint.play > 0.0
+
+
+@kernel
+def play_force(joint, gap, gap_rate):
+    """Force of a motor on its link across the play, which they close without rebound [N.m or N].
+
+    The contact is critically damped for the inertia of the motor and never pulls.
+
+    Args:
+      joint: `JointTruth`.
+      gap: Position of the motor relative to the link [rad or m].
+      gap_rate: [rad/s or m/s]
+    """
+    beyond = abs(gap) - 0.5 * joint.play
+    if beyond <= 0.0:
+        return 0.0
+    side = 1.0 if gap > 0.0 else -1.0
+    damping = 2.0 * joint.armature * CONTACT
+    return side * max(joint.armature * CONTACT * CONTACT * beyond + damping * side * gap_rate, 0.0)
+
+
 @dataclass(frozen=True)
 class MachineTruth:
     """True machine: its laws, its rigid bodies and how its logs distort the channels."""
@@ -171,51 +202,46 @@ class MachineTruth:
         model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.dof_damping[:] = model.dof_frictionloss[:] = model.jnt_stiffness[:] = 0.0
         model.dof_dampingpoly[:, 0] = 0.0
-        # a motor behind a spring turns beside MuJoCo's joint
-        model.dof_armature[:] = [0.0 if j.compliance else j.armature for j in self.joints]
+        # a motor behind a spring or with play turns beside MuJoCo's joint
+        model.dof_armature[:] = [0.0 if is_apart(j) else j.armature for j in self.joints]
         return model
-
-
-class JointSize(NamedTuple):
-    """Sizes of the motion and force of a joint, to which physics outside the library is relative."""
-
-    force: float
-    """RMS [N.m or N]."""
-    speed: float
-    """Largest [rad/s or m/s]."""
-    reach: float
-    """Range of its positions [rad or m]."""
 
 
 def machine_truth(
     machine: Machine,
     base: Mapping[str, float],
-    structure: UnmodelledEffect | None = None,
-    sizes: Sequence[JointSize] = (),
+    foreign: Sequence[Mapping[str, float]] = (),
 ) -> MachineTruth:
     """True machine with the effects of its file.
 
     Args:
       machine: The nominal machine with hidden effects.
       base: Name of each uncertain quantity → its true value.
-      structure: Physics outside the library, on every joint.
-      sizes: Sizes of each joint, for `structure`.
+      foreign: Fields of `JointTruth` outside the library, for each joint; none when empty.
+
+    Raises:
+      InputError: Play behind a motor without inertia.
     """
     changes = apply_part_effects(machine)
-    own = {one.part: base[one.name] - one.beyond for one in machine.uncertain}
-    values = changed_values(machine.values, own, changes)
+    true = {one.part: base[one.name] - one.beyond for one in machine.uncertain}
+    values = changed_values(machine.values, true, changes)
     by_joint = {drive.joint: drive for drive in machine.drives}
     drives = tuple(by_joint.get(name) for name in machine.joints)
     joints = []
     for j, (name, drive) in enumerate(zip(machine.joints, drives, strict=True)):
-        foreign = _foreign(structure, sizes[j] if sizes else JointSize(0.0, 1.0, 1.0))
+        own = foreign[j] if foreign else {}
         numbers = {key: changes.terms.get((JOINT, name, term), 0.0) for key, term in _TERMS.items()}
         numbers["stribeck_velocity"] = numbers["stribeck_velocity"] or 1.0
         numbers["place_width"] = numbers["place_width"] or 1.0
         keys = ("damping", "quadratic_damping", "frictionloss", "armature", "stiffness", "springref")
         fields = ("viscous", "quadratic", "dry", "armature", "spring", "spring_rest")
         numbers |= {field: values[JOINT, name, key] for field, key in zip(fields, keys, strict=True)}
-        joints.append(JointTruth(**numbers, **_actuator(drive, values, changes), **foreign))
+        if numbers["play"] > 0.0 and numbers["armature"] <= 0.0:
+            rule = "an inertia of the drive (armature) is needed before it"
+            raise InputError(machine.file, f"joint {name!r} has play", rule)
+        actuator = _actuator(drive, values, changes)
+        on_link = name in machine.encoders_on_links
+        joints.append(JointTruth(**numbers, **actuator, on_link=on_link, **own))
     return MachineTruth(machine, tuple(joints), values, changes, drives)
 
 
@@ -248,21 +274,3 @@ def _actuator(drive: Drive | None, values: Mapping, changes: PartChanges) -> dic
         "lag": true.lag,
         "fading": changes.terms.get((ACTUATOR, drive.name, "fading"), 0.0),
     }
-
-
-def _foreign(structure: UnmodelledEffect | None, size: JointSize) -> dict[str, float]:
-    """Fields of `JointTruth` outside the library."""
-    found = {"growing_dry": 0.0, "growing_speed": 1.0, "ripple": 0.0, "ripple_waves": 0.0}
-    found |= {"ripple_phase": 0.0, "braking_loss": 0.0}
-    if structure is None:
-        return found
-    if structure.kind == "friction_law":
-        growing = {"growing_dry": structure.amplitude * size.force}
-        found |= {**growing, "growing_speed": structure.length * size.speed}
-    elif structure.kind == "drive_ripple":
-        waves = 2.0 * np.pi * structure.length / size.reach
-        found |= {"ripple": structure.amplitude * size.force, "ripple_waves": waves}
-        found["ripple_phase"] = structure.phase
-    elif structure.kind == "gear_law":
-        found["braking_loss"] = structure.amplitude
-    return found

@@ -16,20 +16,21 @@ from omnimj.plant.mujoco.machine import Machine
 from omnimj.plant.mujoco.step import call_step, function_address
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
-from omnimj.studies.gap_benchmark.machine_truth import (
+from omnimj.simulate.machine.truth import (
     JointTruth,
     MachineTruth,
     actuator_force,
     friction_bounds,
+    is_apart,
     machine_truth,
     outer_force,
+    play_force,
 )
 
 PERIOD = 0.005
-"""Sample period of the logs [s]."""
+"""Sample period of logs, unless a loop has its own [s]."""
 STEP = 1e-4
 """Step of the simulation [s]."""
-_SECONDS = 8.0
 _BANDWIDTH, _HOLD = 12.0, 30.0  # of the position loop: [rad/s], and least stiffness over dry friction / range
 _SWING, _STROKE = 1.0, 0.12  # half ranges of hinges and slides without a range of their own [rad, m]
 _OF_RANGE = 0.4  # half range over that of the joint
@@ -37,6 +38,24 @@ _SLOW, _FAST, _SHARE = (0.25, 0.6), (0.9, 2.0), 0.2  # the two sines [Hz], and t
 _OF_LIMIT = 0.6  # largest planned force over that of the actuator
 _SMALLER, _TRIES = 0.8, 40
 _POSITION_NOISE, _INPUT_NOISE = 2e-4, 4e-3  # over the range of the positions and the RMS input
+_VELOCITY_NOISE = 2e-3  # over the range of the speeds
+_JOINT_POSITION = mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtObj.mjOBJ_JOINT
+_JOINT_VELOCITY = mujoco.mjtSensor.mjSENS_JOINTVEL, mujoco.mjtObj.mjOBJ_JOINT
+_FORCE = mujoco.mjtSensor.mjSENS_ACTUATORFRC, mujoco.mjtObj.mjOBJ_ACTUATOR
+
+
+class Motion(NamedTuple):
+    """Kind of motion of a run."""
+
+    seconds: float = 8.0
+    pace: float = 1.0
+    """Frequencies over those of the usual motion."""
+    reach: float = 1.0
+    """Range over that of the usual motion."""
+
+
+USUAL = Motion()
+"""The usual motion: most of the range, at 0.25 … 0.6 and 0.9 … 2 Hz."""
 
 
 class Plan(NamedTuple):
@@ -48,6 +67,8 @@ class Plan(NamedTuple):
     """Shape (n, j)."""
     force: Array
     """Force of the nominal machine along the goal, shape (n, j)."""
+    period: float
+    """[s]"""
 
 
 class Loop(NamedTuple):
@@ -68,23 +89,25 @@ class MachineLoop:
     loop: Loop
     middle: Array
     half: Array
+    period: float = PERIOD
+    """Sample period of plans and logs [s]."""
 
-    def plan(self, seed: int) -> Plan:
+    def plan(self, seed: int, motion: Motion = USUAL) -> Plan:
         """Plan a run within the forces of the actuators: two sines per joint that begin at rest."""
         random = np.random.default_rng(seed)
         joints = len(self.machine.joints)
-        time = np.arange(round(_SECONDS / PERIOD) + 1) * PERIOD
+        time = np.arange(round(motion.seconds / self.period) + 1) * self.period
         ramp = np.minimum(time / 0.8, 1.0)
         ramp = (ramp**2 * (3.0 - 2.0 * ramp))[:, None]
-        slow, fast = random.uniform(*_SLOW, joints), random.uniform(*_FAST, joints)
+        slow, fast = (motion.pace * random.uniform(*band, joints) for band in (_SLOW, _FAST))
         reach, phase = random.uniform(0.6, 1.0, joints), random.uniform(0.0, 2.0 * np.pi, joints)
         slow_wave = np.sin(2.0 * np.pi * np.outer(time, slow))
         shape = (
             ramp * (slow_wave + _SHARE * np.sin(2.0 * np.pi * np.outer(time, fast) + phase)) / (1.0 + _SHARE)
         )
-        half = self.half * reach
+        half = motion.reach * self.half * reach
         for _ in range(_TRIES):
-            plan = self._followed(self.middle + half * shape)
+            plan = self.follow(self.middle + half * shape)
             too_large = np.abs(plan.force).max(axis=0) > _OF_LIMIT * self._strongest()
             if not too_large.any():
                 break
@@ -99,9 +122,10 @@ class MachineLoop:
                 found[j] = abs(own.gear) * min(own.strongest, abs(own.gain * own.highest))
         return found
 
-    def _followed(self, goal: Array) -> Plan:
-        rate = np.gradient(goal, PERIOD, axis=0)
-        bend = np.gradient(rate, PERIOD, axis=0)
+    def follow(self, goal: Array) -> Plan:
+        """Plan of given positions, a row per sample, shape (n, j)."""
+        rate = np.gradient(goal, self.period, axis=0)
+        bend = np.gradient(rate, self.period, axis=0)
         model = machine_truth(self.machine, declared_values(self.machine)).rigid_model(STEP)
         data, force = mujoco.MjData(model), np.empty(goal.shape)
         for k in range(len(goal)):
@@ -112,7 +136,7 @@ class MachineLoop:
             for k in range(len(goal)):
                 dry, _, smooth = friction_bounds(own, goal[k, j], rate[k, j], force[k, j])
                 force[k, j] += smooth + dry * np.tanh(20.0 * rate[k, j]) - outer_force(own, goal[k, j])
-        return Plan(goal, rate, force)
+        return Plan(goal, rate, force, self.period)
 
 
 def declared_values(machine: Machine) -> dict[str, float]:
@@ -120,8 +144,13 @@ def declared_values(machine: Machine) -> dict[str, float]:
     return {one.name: one.value for one in machine.uncertain}
 
 
-def machine_loop(machine: Machine) -> MachineLoop:
-    """The position loop of a machine without effects, and ranges for its motions."""
+def machine_loop(machine: Machine, period: float = PERIOD) -> MachineLoop:
+    """The position loop of a machine without effects, and ranges for its motions.
+
+    Args:
+      machine: The machine.
+      period: Sample period of plans and logs [s].
+    """
     m = machine.mj_model
     nominal = machine_truth(machine, declared_values(machine))
     model = nominal.rigid_model(STEP)
@@ -139,7 +168,7 @@ def machine_loop(machine: Machine) -> MachineLoop:
     dry = np.array([own.dry for own in nominal.joints])
     stiffness = np.maximum(inertia * _BANDWIDTH**2, _HOLD * dry / half)  # friction must not hold the joint
     loop = Loop(nominal.joints, stiffness, 2.0 * np.sqrt(stiffness * inertia))
-    return MachineLoop(machine, loop, middle, half)
+    return MachineLoop(machine, loop, middle, half, period)
 
 
 class Bodies(NamedTuple):
@@ -172,7 +201,7 @@ def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
       bodies: `Bodies`, at the start of the plan.
       substeps: Steps per row.
       step: [s]
-      rows: Filled with position and speed before the spring, command and force, shape (n, 4, j).
+      rows: Filled with position and speed where they are measured, command and force, shape (n, 4, j).
     """
     n = len(joints)
     place, speed, load = plan.goal[0].copy(), np.zeros(n), np.zeros(n)
@@ -182,21 +211,31 @@ def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
             share = i / substeps
             for j in range(n):
                 own, known = joints[j], loop.nominal[j]
-                if own.compliance == 0.0:
+                if not is_apart(own):
                     place[j], speed[j] = bodies.qpos[j], bodies.qvel[j]
+                seen, rate = (bodies.qpos[j], bodies.qvel[j]) if own.on_link else (place[j], speed[j])
                 wanted = _interpolated(plan.force, k, share, j)
-                wanted += loop.stiffness[j] * (_interpolated(plan.goal, k, share, j) - place[j])
-                wanted += loop.damping[j] * (_interpolated(plan.rate, k, share, j) - speed[j])
+                wanted += loop.stiffness[j] * (_interpolated(plan.goal, k, share, j) - seen)
+                wanted += loop.damping[j] * (_interpolated(plan.rate, k, share, j) - rate)
                 if known.gain != 0.0:
-                    electric = known.position_gain * place[j] + known.velocity_gain * speed[j]
+                    electric = known.position_gain * seen + known.velocity_gain * rate
                     value = (wanted / known.gear - known.bias - known.gear * electric) / known.gain
                     command[j] = min(max(value, known.lowest), known.highest)
                 keep = math.exp(-step / own.lag) if own.lag > 0.0 else 0.0
                 received[j] = keep * received[j] + (1.0 - keep) * command[j]
                 drive = actuator_force(own, received[j], place[j], speed[j])
                 if i == 0:
-                    rows[k, 0, j], rows[k, 1, j], rows[k, 2, j] = place[j], speed[j], command[j]
+                    rows[k, 0, j], rows[k, 1, j], rows[k, 2, j] = seen, rate, command[j]
                     rows[k, 3, j] = drive
+                if own.play > 0.0:  # friction acts on the link
+                    load[j] = play_force(own, place[j] - bodies.qpos[j], speed[j] - bodies.qvel[j])
+                    speed[j] += step * (drive - load[j]) / own.armature
+                    place[j] += step * speed[j]
+                    forward, backward, smooth = friction_bounds(own, bodies.qpos[j], bodies.qvel[j], load[j])
+                    bodies.friction[j] = 0.5 * (forward + backward)
+                    bodies.applied[j] = load[j] + outer_force(own, bodies.qpos[j]) - smooth
+                    bodies.applied[j] -= 0.5 * (forward - backward)
+                    continue
                 forward, backward, smooth = friction_bounds(own, place[j], speed[j], load[j])
                 push = drive + outer_force(own, place[j]) - smooth
                 if own.compliance == 0.0:
@@ -211,16 +250,16 @@ def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
                 place[j] += step * speed[j]
             call_step(bodies.step, bodies.model, bodies.data)
             for j in range(n):
-                if joints[j].compliance == 0.0:
+                if not is_apart(joints[j]):
                     load[j] = bodies.applied[j] + bodies.constraint[j] - joints[j].armature * bodies.qacc[j]
 
 
 def simulated_rows(truth: MachineTruth, loop: Loop, plan: Plan) -> Array:
-    """Position and speed before the spring, command and force of a run by MuJoCo, shape (n − 1, 4, j)."""
+    """Measured position and speed, command and force of a run by MuJoCo, shape (n − 1, 4, j)."""
     stiffest = [j.compliance * j.armature for j in truth.joints if j.compliance]
     fine = min([STEP, *(0.2 * float(np.sqrt(square)) for square in stiffest)])
-    substeps = int(np.ceil(PERIOD / fine))
-    step = PERIOD / substeps
+    substeps = int(np.ceil(plan.period / fine))
+    step = plan.period / substeps
     model = truth.rigid_model(step)
     model.dof_solimp[:, :2], model.dof_solref[:] = 0.9999, (2.0 * step, 1.0)
     data = mujoco.MjData(model)
@@ -234,43 +273,71 @@ def simulated_rows(truth: MachineTruth, loop: Loop, plan: Plan) -> Array:
     return rows
 
 
-def logged_run(name: str, truth: MachineTruth, rows: Array, seed: int) -> Run:
+def logged_run(
+    name: str,
+    truth: MachineTruth,
+    rows: Array,
+    seed: int,
+    period: float = PERIOD,
+    has_velocities: bool = False,
+) -> Run:
     """Log of a run with the noise and the distortions of its channels.
 
     An actuator that answers late shows as a command that was logged early. Where the file has a sensor of an
-    actuator's force, this force is logged instead of the command.
+    actuator's force, this force is logged instead of the command. Noise is that of the file's sensors, where
+    it states one.
 
     Args:
       name: Name of the run.
       truth: The true machine.
       rows: From `simulated_rows`, shape (n, 4, j).
       seed: Seed of the noise.
+      period: Sample period of the rows [s].
+      has_velocities: Whether the speeds of the joints are logged.
     """
-    random = np.random.default_rng(seed)
-    time: Array = np.arange(len(rows), dtype=float) * PERIOD
+    machine, random = truth.machine, np.random.default_rng(seed)
+    time: Array = np.arange(len(rows), dtype=float) * period
     columns = {"time": time}
-    for j, joint in enumerate(truth.machine.joints):
+    for j, joint in enumerate(machine.joints):
         place, drive = rows[:, 0, j], truth.drives[j]
-        columns[f"position:{joint}"] = _read(
-            time, place, truth.channel(f"position:{joint}"), _POSITION_NOISE * float(np.ptp(place)), random
-        )
+        column = f"position:{joint}"
+        noise = _sensor_noise(machine, joint, _JOINT_POSITION) or _POSITION_NOISE * float(np.ptp(place))
+        columns[column] = _read(time, place, truth.channel(column), noise, random)
         if drive is not None:
-            is_force = has_force_sensor(truth.machine, drive.name)
+            is_force = has_force_sensor(machine, drive.name)
             column = f"{'force' if is_force else 'control'}:{drive.name}"
             values = rows[:, 3, j] / drive.gear if is_force else rows[:, 2, j]
+            if is_force and machine.forces_are_declared:
+                values = values * drive.gain / truth.joints[j].gain
             reading = truth.channel(column)
             late = reading._replace(delay=reading.delay - truth.delay(j))
-            noise = _INPUT_NOISE * float(np.sqrt(np.mean(values**2)))
+            noise = _sensor_noise(machine, drive.name, _FORCE) if is_force else 0.0
+            noise = noise or _INPUT_NOISE * float(np.sqrt(np.mean(values**2)))
             columns[column] = _read(time, values, late, noise, random)
+        if has_velocities:
+            column, speed = f"velocity:{joint}", rows[:, 1, j]
+            noise = _sensor_noise(machine, joint, _JOINT_VELOCITY) or _VELOCITY_NOISE * float(np.ptp(speed))
+            columns[column] = _read(time, speed, truth.channel(column), noise, random)
     return Run(name, MappingProxyType(columns), MappingProxyType({}), MappingProxyType({}))
+
+
+def _sensor(machine: Machine, name: str, kind: tuple[mujoco.mjtSensor, mujoco.mjtObj]) -> int | None:
+    """Index of the file's sensor of one kind on a joint or actuator; None without one."""
+    m, (sensor, part) = machine.mj_model, kind
+    own = mujoco.mj_name2id(m, part, name)
+    found = np.flatnonzero((np.asarray(m.sensor_type) == int(sensor)) & (np.asarray(m.sensor_objid) == own))
+    return int(found[0]) if len(found) else None
+
+
+def _sensor_noise(machine: Machine, name: str, kind: tuple[mujoco.mjtSensor, mujoco.mjtObj]) -> float:
+    """Noise that the file states for a sensor, 0 where it states none."""
+    index = _sensor(machine, name, kind)
+    return 0.0 if index is None else float(machine.mj_model.sensor_noise[index])
 
 
 def has_force_sensor(machine: Machine, drive: str) -> bool:
     """True if the file has a sensor of an actuator's force."""
-    m = machine.mj_model
-    own = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_ACTUATOR, drive)
-    kinds = np.asarray(m.sensor_type) == int(mujoco.mjtSensor.mjSENS_ACTUATORFRC)
-    return bool((kinds & (np.asarray(m.sensor_objid) == own)).any())
+    return _sensor(machine, drive, _FORCE) is not None
 
 
 def _read(
