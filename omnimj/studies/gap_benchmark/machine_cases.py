@@ -52,13 +52,14 @@ EQUATIONS, MUJOCO = "equations", "mujoco"
 _EMPTY, _SINGLE, _PAIRS = 15, 27, 18  # numbers of cases per trial
 _BY_HAND = 1 / 3  # share of the cases by equations, where there are some
 _RUNS, _PROBES = 8, 3  # runs of a dataset, and of the recording that shows the library
-_NEVER = ("backlash",)
-"""Effects that the makers cannot simulate: play needs a contact between motor and link."""
+_BESIDE_MOTOR = ("compliance", "backlash")
+"""Effects between motor and link: they need a motor with inertia, and the hand-written equations lack them."""
 _ALIKE = (
     frozenset({"actuator_delay", "sensor_delay"}),
     frozenset({"gain", "torque_constant", "back_emf"}),
     frozenset({"saturation", "soft_saturation"}),
     frozenset({"armature", "payload"}),
+    frozenset(_BESIDE_MOTOR),
 )
 """Effects that one joint's logs hardly separate: two of a set are never hidden together."""
 _SAME_QUANTITY = {
@@ -127,10 +128,8 @@ def machine_library(plant: str) -> MachineLibrary:
 
 
 def _can_be_simulated(candidate: CandidateEffect, without_motor: set[str]) -> bool:
-    """False for play, and for a spring behind a motor without inertia."""
-    if candidate.effect == "compliance" and candidate.selectors[JOINT] in without_motor:
-        return False
-    return candidate.effect not in _NEVER
+    """False for a spring or play behind a motor without inertia."""
+    return candidate.effect not in _BESIDE_MOTOR or candidate.selectors[JOINT] not in without_motor
 
 
 def draw_machine_cases(plant: str, seed: int, trials: int = 1) -> list[Case]:
@@ -173,8 +172,8 @@ def _drawn_case(
         hidden = tuple(_hide(c, s, random) for c, s in zip(both, sizes, strict=True))
     structure = _deviation(random) if random.random() < FOREIGN else None
     by_hand = has_hand_equations(library.machine) and random.random() < _BY_HAND
-    if any(one.effect == "compliance" for one in hidden):
-        by_hand = False  # the equations have no motor behind a spring
+    if any(one.effect in _BESIDE_MOTOR for one in hidden):
+        by_hand = False
     maker = EQUATIONS if by_hand else MUJOCO
     seed = int(random.integers(2**62))
     base = _true_base(library.machine, random)
