@@ -273,6 +273,16 @@ def simulated_rows(truth: MachineTruth, loop: Loop, plan: Plan) -> Array:
     return rows
 
 
+def planned_rows(loop: Loop, plan: Plan) -> Array:
+    """Rows as of `simulated_rows` of the nominal machine, were it to follow its plan, shape (n, 4, j)."""
+    rows = np.stack([plan.goal, plan.rate, np.zeros(plan.goal.shape), plan.force], axis=1)
+    for j, own in enumerate(loop.nominal):
+        if own.gain:
+            electric = own.position_gain * plan.goal[:, j] + own.velocity_gain * plan.rate[:, j]
+            rows[:, 2, j] = (plan.force[:, j] / own.gear - own.bias - own.gear * electric) / own.gain
+    return rows
+
+
 def logged_run(
     name: str,
     truth: MachineTruth,
@@ -280,6 +290,7 @@ def logged_run(
     seed: int,
     period: float = PERIOD,
     has_velocities: bool = False,
+    usual: Array | None = None,
 ) -> Run:
     """Log of a run with the noise and the distortions of its channels.
 
@@ -294,29 +305,36 @@ def logged_run(
       seed: Seed of the noise.
       period: Sample period of the rows [s].
       has_velocities: Whether the speeds of the joints are logged.
+      usual: Rows to whose sizes the noise is relative, where the file states none; the run's own when None.
     """
+    sizes = rows if usual is None else usual
     machine, random = truth.machine, np.random.default_rng(seed)
     time: Array = np.arange(len(rows), dtype=float) * period
     columns = {"time": time}
     for j, joint in enumerate(machine.joints):
         place, drive = rows[:, 0, j], truth.drives[j]
         column = f"position:{joint}"
-        noise = _sensor_noise(machine, joint, _JOINT_POSITION) or _POSITION_NOISE * float(np.ptp(place))
+        noise = _sensor_noise(machine, joint, _JOINT_POSITION) or _POSITION_NOISE * float(
+            np.ptp(sizes[:, 0, j])
+        )
         columns[column] = _read(time, place, truth.channel(column), noise, random)
         if drive is not None:
             is_force = has_force_sensor(machine, drive.name)
             column = f"{'force' if is_force else 'control'}:{drive.name}"
-            values = rows[:, 3, j] / drive.gear if is_force else rows[:, 2, j]
+            kind, scale = (3, 1.0 / drive.gear) if is_force else (2, 1.0)
             if is_force and machine.forces_are_declared:
-                values = values * drive.gain / truth.joints[j].gain
+                scale *= drive.gain / truth.joints[j].gain
+            values = scale * rows[:, kind, j]
             reading = truth.channel(column)
             late = reading._replace(delay=reading.delay - truth.delay(j))
             noise = _sensor_noise(machine, drive.name, _FORCE) if is_force else 0.0
-            noise = noise or _INPUT_NOISE * float(np.sqrt(np.mean(values**2)))
+            noise = noise or _INPUT_NOISE * float(np.sqrt(np.mean((scale * sizes[:, kind, j]) ** 2)))
             columns[column] = _read(time, values, late, noise, random)
         if has_velocities:
             column, speed = f"velocity:{joint}", rows[:, 1, j]
-            noise = _sensor_noise(machine, joint, _JOINT_VELOCITY) or _VELOCITY_NOISE * float(np.ptp(speed))
+            noise = _sensor_noise(machine, joint, _JOINT_VELOCITY) or _VELOCITY_NOISE * float(
+                np.ptp(sizes[:, 1, j])
+            )
             columns[column] = _read(time, speed, truth.channel(column), noise, random)
     return Run(name, MappingProxyType(columns), MappingProxyType({}), MappingProxyType({}))
 

@@ -9,7 +9,14 @@ from omnimj.effects.parts import BODY, JOINT
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.recording.dataset import MASS_OF, Run
 from omnimj.signals import Array
-from omnimj.simulate.machine.drive import Motion, declared_values, logged_run, machine_loop, simulated_rows
+from omnimj.simulate.machine.drive import (
+    Motion,
+    declared_values,
+    logged_run,
+    machine_loop,
+    planned_rows,
+    simulated_rows,
+)
 from omnimj.simulate.machine.linear_axis import as_axis_log
 from omnimj.simulate.machine.truth import machine_truth
 from omnimj.simulate.suites.suite import Condition, RunConfig
@@ -95,7 +102,8 @@ def drive_motion(machine: Machine, nominal: Machine, wanted: MachineMotion, conf
     if wanted.added:
         part = (BODY, machine.parts(BODY)[-1], "mass")
         truth = replace(truth, masses={**truth.masses, part: truth.masses[part] + wanted.added})
-    found = logged_run(LOADED, truth, simulated_rows(truth, loop.loop, plan), config.seed, loop.period)
+    rows, usual = simulated_rows(truth, loop.loop, plan), planned_rows(loop.loop, loop.plan(0))
+    found = logged_run(LOADED, truth, rows, config.seed, loop.period, usual=usual)
     if config.progress is not None:
         config.progress(1, 1)
     return found

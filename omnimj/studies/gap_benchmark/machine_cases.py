@@ -53,7 +53,7 @@ _EMPTY, _SINGLE, _PAIRS = 15, 27, 18  # numbers of cases per trial
 _BY_HAND = 1 / 3  # share of the cases by equations, where there are some
 _RUNS, _PROBES = 8, 3  # runs of a dataset, and of the recording that shows the library
 _BESIDE_MOTOR = ("compliance", "backlash")
-"""Effects between motor and link: they need inertia of the motor, and the hand-written equations lack them."""
+"""Effects between motor and link: they need a motor with inertia, which hand-written equations lack."""
 _ALIKE = (
     frozenset({"actuator_delay", "sensor_delay"}),
     frozenset({"gain", "torque_constant", "back_emf"}),

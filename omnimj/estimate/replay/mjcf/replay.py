@@ -62,7 +62,7 @@ WINDOW = 0.5
 """Length of a free window [s]."""
 _STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen evenly
 _MORE_EFFECTS = 2  # in a model, per joint
-_REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
+_REST = 6.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
 _KEPT = 256  # simulated settings that are remembered
 _HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
