@@ -2,5 +2,5 @@
 
 `interface` is the only part that a controller depends on. `faults` turns faults and effects into conditions,
 `sensors` and `sensor_chain` turn quantities into readings, `ground` finds the floor at a place. `planar`
-contains robot and rig without MuJoCo, `axis` the linear axis, the package `mujoco` the twins.
+contains robot and rig without MuJoCo, the package `mujoco` the twins.
 """

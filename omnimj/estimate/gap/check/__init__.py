@@ -6,5 +6,5 @@
 - `compare`: scale, delay and drift between two related channels, and the order of first motions
 - `time_base`: unit and scale of time, by the change of positions and angles
 - `magnitudes`: values beyond what the machine can do
-- `rig`, `robot`, `axis`, `machine`: relations between the channels of each plant
+- `rig`, `robot`, `machine`: relations between the channels of each plant, `slide` those of a single slide
 """

@@ -68,9 +68,10 @@ def _slide(runs: Sequence[Run], machine: Machine) -> _Slide:
 
 
 def is_slide(machine: Machine) -> bool:
-    """True for a machine of a single slide with an actuator."""
-    is_single = len(machine.joints) == len(machine.drives) == 1
-    return is_single and not is_hinge(machine.mj_model, machine.joints[0])
+    """True for a machine of a single slide with an actuator that does not hold a position itself."""
+    if not len(machine.joints) == len(machine.drives) == 1:
+        return False
+    return machine.drives[0].position_gain == 0.0 and not is_hinge(machine.mj_model, machine.joints[0])
 
 
 def slide_suspicions(
