@@ -65,10 +65,11 @@ def run(arguments: Any) -> int:
 def _effects(texts: list[str], plant: str) -> dict[str, Any]:
     if not texts:
         return {}
-    from omnimj.effects import MJCF, parse_effect
+    from omnimj.effects import MJCF, find_effect, parse_effect
 
     effects: dict[str, Any] = {}
     for text in texts:
+        find_effect(text.partition(":")[0].strip(), plant, f"--effect {text}")
         # parts of an MJCF file are known once it is read
         name, values = parse_effect(text, None if plant == MJCF else plant)
         if name in effects:

@@ -272,6 +272,10 @@ def with_part_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]
     for name, values in effects.items():
         effect, place = find_effect(name, machine.plant, "effects"), f"effects.{name}"
         given = {**_only_parts(machine, effect), **values}
+        for selector in effect.selectors:
+            if not selector.choices and selector.name not in given:
+                found, rule = f"'{selector.name}' is missing", "name one of the choices"
+                raise InputError(place, found, rule, _choices(machine, selector.name))
         full[name] = complete_values(effect, given, place)
         _require_parts(machine, effect, full[name], place)
     changed = replace(machine, effects=full)
@@ -289,10 +293,14 @@ def _require_parts(machine: Machine, effect: Effect, values: Mapping[str, Any], 
     for selector in effect.selectors:
         if selector.choices:
             continue
-        chosen = values[selector.name]
-        known = channel_names(machine) if selector.name == CHANNEL else machine.parts(selector.name)
+        chosen, known = values[selector.name], _choices(machine, selector.name)
         if chosen not in known:
             raise UnknownNameError(place, selector.name, chosen, known)
+
+
+def _choices(machine: Machine, kind: str) -> tuple[str, ...]:
+    """Names of the parts, or channels, that an effect can act on."""
+    return channel_names(machine) if kind == CHANNEL else machine.parts(kind)
 
 
 def _require_units(machine: Machine, name: str, effect: Effect, values: Mapping[str, Any]) -> None:

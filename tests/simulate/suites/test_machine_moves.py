@@ -89,7 +89,7 @@ def test_an_effect_needs_its_part_where_there_are_several(tmp_path, capsys):
     arm = models_folder() / "two_link_arm" / "two_link_arm.xml"
     order = ["record", "machine_moves", "--model", str(arm), "--out", str(tmp_path / "data")]
     assert main([*order, "--effect", "viscous:coefficient=0.1"]) == 2
-    assert "a name is needed" in capsys.readouterr().err
+    assert "'joint' is missing; name one of the choices; choices: elbow, shoulder" in capsys.readouterr().err
     assert main([*order, "--effect", "viscous:coefficient=0.1,joint=hip"]) == 2
     assert "choices: " in capsys.readouterr().err
 
