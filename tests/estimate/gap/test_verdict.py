@@ -10,7 +10,7 @@ import pytest
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.plants import PLANTS, find_plant, read_machine
-from omnimj.estimate.gap.verdict import is_within_noise, next_experiment, share_at_bounds
+from omnimj.estimate.gap.verdict import is_within_noise, judge_search, next_experiment, share_at_bounds
 from omnimj.estimate.replay.interface import BaseParameter, Experiment
 from omnimj.estimate.replay.problem import Fit, Problem
 
@@ -91,3 +91,7 @@ def test_a_mismatch_within_the_noise_of_every_channel_is_no_gap():
     masked = search_result([], [], loud)
     masked.problem.replay.measured[:, 1] = np.nan
     assert is_within_noise(masked)
+    faint = SimpleNamespace(gain=SimpleNamespace(value=0.1), candidate=SimpleNamespace(label="spring"))
+    masked.named, masked.curves = (faint,), None
+    verdict = judge_search(masked)
+    assert verdict.kind == "no_gap" and "spring gains 10 %" in verdict.reason
