@@ -163,6 +163,9 @@ class Effect:
     """True if the effect repeats with the angle of wheel or motor, whose phase a simulation loses."""
     has_threshold: bool = False
     """True if a small amplitude changes nothing: grip is missing only where more of it is needed."""
+    quantity: str = ""
+    """Quantity of the machine that it adds to or scales, if it does nothing else; a machine's file may state
+    the same quantity as uncertain."""
 
     @property
     def amplitudes(self) -> tuple[EffectParameter, ...]:

@@ -70,8 +70,10 @@ def _maker(where: str, on: Selector) -> Callable[..., Effect]:
         parameters: tuple[EffectParameter, ...],
         hook: Hook,
         has_threshold: bool = False,
+        quantity: str = "",
     ) -> Effect:
-        return Effect(name, words, where, (MJCF,), parameters, (on,), (hook,), has_threshold=has_threshold)
+        facts = {"has_threshold": has_threshold, "quantity": quantity}
+        return Effect(name, words, where, (MJCF,), parameters, (on,), (hook,), **facts)
 
     return declare
 
@@ -100,12 +102,14 @@ EFFECTS: tuple[Effect, ...] = (
         "the actuator gives another force per command than declared, or its command is scaled in the log",
         scale_parameter(0.9),
         scales(ACTUATOR, "gain"),
+        quantity="gain",
     ),
     _of_actuator(
         "torque_constant",
         "the motor gives another force per ampere, and another voltage per speed, than declared",
         scale_parameter(0.9),
         scales(ACTUATOR, "torque_constant"),
+        quantity="torque_constant",
     ),
     _of_actuator(
         "back_emf",
@@ -124,6 +128,7 @@ EFFECTS: tuple[Effect, ...] = (
         "the force follows the command with a first-order lag",
         (_P("time_constant", "s", 0.0, 0.5, 0.01),),
         adds(ACTUATOR, "lag", "time_constant"),
+        quantity="lag",
     ),
     _of_actuator(
         "saturation",
@@ -143,18 +148,21 @@ EFFECTS: tuple[Effect, ...] = (
         "dry friction of the joint is not as declared, or missing",
         (_P("force", "N", -_ANY, _ANY, 0.1),),
         adds(JOINT, "frictionloss", "force"),
+        quantity="frictionloss",
     ),
     _of_joint(
         "viscous",
         "viscous friction of the joint is not as declared, or missing",
         (_P("coefficient", "N.s/m", -_ANY, _ANY, 0.1),),
         adds(JOINT, "damping", "coefficient"),
+        quantity="damping",
     ),
     _of_joint(
         "quadratic_friction",
         "a friction quadratic in the speed of the joint",
         (_P("coefficient", "N.s2/m2", -_ANY, _ANY, 0.1),),
         adds(JOINT, "quadratic_damping", "coefficient"),
+        quantity="quadratic_damping",
     ),
     _of_joint(
         "asymmetric_coulomb",
@@ -195,6 +203,7 @@ EFFECTS: tuple[Effect, ...] = (
         "inertia that turns with the drive (rotor and gears) is not as declared, or missing",
         (_P("inertia", "kg", -_ANY, _ANY, 0.1),),
         adds(JOINT, "armature", "inertia"),
+        quantity="armature",
     ),
     _of_joint(
         "stiffness",
@@ -232,6 +241,7 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         (ON_BODY,),
         (_loaded,),
+        quantity="mass",
     ),
     Effect(
         "grade",

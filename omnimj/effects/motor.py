@@ -24,7 +24,7 @@ _TORQUE = ("torque_constant", "the motor gives another torque per ampere than de
 _SCALE = (EffectParameter("scale", "1", 0.2, 2.0, 0.9, 1.0),)
 
 EFFECTS = (
-    Effect(*_TORQUE, (RIG,), _SCALE, hooks=(_torque_constant,)),
+    Effect(*_TORQUE, (RIG,), _SCALE, hooks=(_torque_constant,), quantity="motor.torque_constant"),
     Effect(*_TORQUE, (ROBOT,), _SCALE, (WHEEL,), (_torque_constant,)),
     Effect(
         "gear_loss",

@@ -48,6 +48,7 @@ EFFECTS = (
         (RIG,),
         (EffectParameter("force", "N", -2.0, 10.0, 1.0),),
         hooks=(adds_to_term("guide_dry", "force"),),
+        quantity="rig.rail_friction",
     ),
     Effect(
         "rail_viscous",

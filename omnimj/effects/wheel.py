@@ -84,7 +84,7 @@ EFFECTS = (
         hooks=(_roller_ripple,),
         turns_with_wheel=True,
     ),
-    Effect(*_RADIUS, (RIG,), _SCALE, hooks=(_wheel_radius,)),
+    Effect(*_RADIUS, (RIG,), _SCALE, hooks=(_wheel_radius,), quantity="wheel.radius"),
     Effect(*_RADIUS, (ROBOT,), _SCALE, (WHEEL,), (_wheel_radius,)),
     Effect(
         "wheel_misalignment",

@@ -6,7 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,6 +25,7 @@ from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.judgement import SelectedEffect
 from omnimj.estimate.gap.search.search import SearchResult, search
 from omnimj.estimate.gap.search.selection import Progress
+from omnimj.estimate.gap.search.totals import is_held
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, jackknife_deviations, repeatability
 from omnimj.estimate.replay.interface import Replay
@@ -177,7 +178,10 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
-    spread, factor = jackknife_deviations(found.problem, found.final, found.used)
+    problem, final = found.problem, found.final
+    final = replace(final, jacobian=problem.central_jacobian(final.x, final.effects))
+    held = is_held(problem, final.effects)
+    spread, factor = jackknife_deviations(problem, final, found.used, held)
     return tuple(_effect(found, named, spread * factor) for named in found.named)
 
 

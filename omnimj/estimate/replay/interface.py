@@ -99,6 +99,8 @@ class CandidateEffect:
     """True if the replay gives it the phase of the measured angle, from which that of a twin departs."""
     has_threshold: bool = False
     """True if a small amplitude changes nothing."""
+    quantity: str = ""
+    """Base parameter that is the same quantity; empty without one."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,7 @@ def _candidate(
         CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value, _trials(p, spans))
         for p in effect.parameters
     )
-    facts = effect.where == "sensors", effect.turns_with_wheel, effect.has_threshold
+    facts = effect.where == "sensors", effect.turns_with_wheel, effect.has_threshold, effect.quantity
     return CandidateEffect(label, effect.name, effect.words, parameters, selectors, *facts)
 
 

@@ -18,6 +18,8 @@ from omnimj.estimate.least_squares import minimise, normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect, Replay, Setting
 from omnimj.signals import Array
 
+_CENTRAL_STEP = 0.005  # over a parameter's scale
+
 ModelEffects = tuple[CandidateEffect, ...]
 """Effects in a model."""
 
@@ -209,6 +211,31 @@ class Problem:
         for place, r, step in zip(free, there, steps, strict=True):
             found[:, place] = (r - here).ravel() / step
         return found
+
+    def central_jacobian(self, x: Array, effects: ModelEffects) -> Array:
+        """Compute d(residual)/d(parameter/scale) by central differences, one-sided at a bound.
+
+        Parameters that can only be told apart by the base's own bounds (a motor's constant, its resistance
+        and the damping of its joint) seem determined by the errors of one-sided differences.
+
+        Args:
+          x: Parameters, shape (n,).
+          effects: Effects in the model.
+
+        Returns:
+          Shape (blocks × channels, n).
+        """
+        low, high = self.bounds(effects)
+        step = _CENTRAL_STEP * self.scales(effects)
+        ends = np.minimum(x + step, high), np.maximum(x - step, low)
+        free = np.flatnonzero(ends[0] > ends[1])
+        moved = [np.where(np.arange(len(x)) == k, end, x) for end in ends for k in free]
+        residuals = self.residuals(moved, effects)
+        found = np.zeros((self.replay.measured.size, len(x)))
+        for place, k in enumerate(free):
+            change = residuals[place] - residuals[place + len(free)]
+            found[:, k] = change.ravel() / (ends[0][k] - ends[1][k])
+        return found * self.scales(effects)
 
 
 def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:

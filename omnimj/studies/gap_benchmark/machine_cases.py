@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnimj.effects import MJCF
-from omnimj.effects.parts import ACTUATOR, BODY, JOINT
+from omnimj.effects.parts import JOINT
 from omnimj.errors import InputError
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
@@ -62,14 +62,6 @@ _ALIKE = (
     frozenset(_BESIDE_MOTOR),
 )
 """Effects that one joint's logs hardly separate: two of a set are never hidden together."""
-_SAME_QUANTITY = {
-    "coulomb": (JOINT, "frictionloss", "force"),
-    "viscous": (JOINT, "damping", "coefficient"),
-    "armature": (JOINT, "armature", "inertia"),
-    "torque_constant": (ACTUATOR, "torque_constant", "scale"),
-    "payload": (BODY, "mass", "mass"),
-}
-"""Effect → the quantity that it changes and its parameter for that."""
 _FOREIGN_SIZES = {"friction_law": 0.015, "drive_ripple": 0.015, "gear_law": 0.03}
 """Noticeable deviations: dry friction and ripple over the joint's RMS force, share of the force lost."""
 _LENGTHS = {"friction_law": (0.05, 0.3), "drive_ripple": (3.0, 9.0), "gear_law": (1.0, 1.0)}
@@ -281,13 +273,11 @@ def machine_true_values(hidden: HiddenEffect, case: Case) -> dict[str, float]:
 
     The errors matter where the base has the same quantity.
     """
-    machine = machine_library(case.plant).machine
+    library = machine_library(case.plant)
     true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}
-    if hidden.effect not in _SAME_QUANTITY:
-        return true
-    kind, quantity, key = _SAME_QUANTITY[hidden.effect]
-    for one in machine.uncertain:
-        if one.part == (kind, hidden.values[kind], quantity):
-            error = case.base[one.name] - one.value
+    shared = next((c.quantity for c in library.candidates if c.label == hidden.label), "")
+    for one in library.machine.uncertain:
+        if one.name == shared:
+            key, error = next(iter(true)), case.base[one.name] - one.value
             true[key] = true[key] * (1.0 + error / one.value) if key == "scale" else true[key] + error
     return true

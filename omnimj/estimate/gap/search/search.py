@@ -28,6 +28,7 @@ from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judg
 from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
 from omnimj.estimate.gap.search.subsets import best_subset
+from omnimj.estimate.gap.search.totals import with_totals
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
@@ -189,7 +190,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         problem,
         split,
         base,
-        state.final,
+        with_totals(state.problem, state.final),
         state.named,
         tuple(growing.rounds),
         tuple(growing.outcomes),

@@ -85,19 +85,20 @@ def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> 
             chosen = f" ({', '.join(selectors.values())})" if selectors else ""
             label = f"{effect.name}{chosen}"
             shapes = _shapes(effect, selectors, machine, spans)
-            found.append(
-                CandidateEffect(
-                    label,
-                    effect.name,
-                    effect.words,
-                    shapes,
-                    MappingProxyType(selectors),
-                    effect.where == "sensors",
-                    False,
-                    effect.has_threshold,
-                )
-            )
+            is_sensor = effect.where == "sensors"
+            facts = is_sensor, False, effect.has_threshold, _uncertain_quantity(effect, selectors, machine)
+            chosen_parts = MappingProxyType(selectors)
+            found.append(CandidateEffect(label, effect.name, effect.words, shapes, chosen_parts, *facts))
     return tuple(found)
+
+
+def _uncertain_quantity(effect: Effect, selectors: Mapping[str, str], machine: Machine) -> str:
+    """Base parameter that is the quantity which an effect changes; empty without one."""
+    m = machine.mj_model
+    if effect.quantity == "mass" and any(is_hinge(m, name) for name in machine.joints):
+        return ""  # an uncertain mass scales the body's inertia, which a payload does not
+    parts = [(kind, name, effect.quantity) for kind, name in selectors.items()]
+    return next((one.name for one in machine.uncertain if one.part in parts), "")
 
 
 def _choices(
@@ -210,7 +211,7 @@ def _shapes(
             shape = _placed(shape, spans[joint])
         else:
             shape = _sized(shape, p.unit, spans[joint], machine)
-            shape = _above_zero(shape, effect.name, machine, joint)
+            shape = _above_zero(shape, effect, machine, joint)
         shapes.append(shape)
     return tuple(shapes)
 
@@ -247,21 +248,15 @@ def _sized(shape: CandidateParameter, unit: str, span: JointSpan, machine: Machi
     return dataclasses.replace(shape, low=low, high=high, typical=typical)
 
 
-_LOWERED = {
-    "coulomb": "frictionloss",
-    "viscous": "damping",
-    "quadratic_friction": "quadratic_damping",
-    "armature": "armature",
-}
-
-
-def _above_zero(shape: CandidateParameter, effect: str, machine: Machine, joint: str) -> CandidateParameter:
-    """Bound an amplitude so that what it adds to does not fall below zero."""
-    if effect == "payload":
+def _above_zero(
+    shape: CandidateParameter, effect: Effect, machine: Machine, joint: str
+) -> CandidateParameter:
+    """Bound an amplitude so that the joint's quantity that it adds to does not fall below zero."""
+    if effect.name == "payload":
         return dataclasses.replace(shape, low=max(shape.low, -0.9 * float(machine.mj_model.body_mass.sum())))
-    if effect not in _LOWERED:
+    part = (JOINT, joint, effect.quantity)
+    if effect.quantity not in QUANTITIES[JOINT]:
         return shape
-    part = (JOINT, joint, _LOWERED[effect])
     half = sum(one.half_width for one in machine.uncertain if one.part == part)
     return dataclasses.replace(shape, low=max(shape.low, -machine.values[part] - half))
 
