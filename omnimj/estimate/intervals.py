@@ -20,9 +20,7 @@ TOLERANCE = 0.002
 """Accuracy expected of the best twin, as a share of a channel's RMS."""
 
 
-def jackknife_deviations(
-    problem: Problem, fitted: Fit, used: NDArray[np.bool_], held: NDArray[np.bool_] | None = None
-) -> tuple[Array, float]:
+def jackknife_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
     """Standard deviation of every parameter, and the factor for a 90 % interval.
 
     Whole conditions are left out in turn: V = (n − 1)/n Σ_g δ_g δ_gᵀ + H⁻¹ P H⁻¹, where
@@ -35,15 +33,12 @@ def jackknife_deviations(
       problem: The data and the scale.
       fitted: The fitted model.
       used: Blocks that it was fitted to, shape (blocks,).
-      held: True for parameters that stay as they are, shape (parameters,); none when None.
 
     Returns:
       Shape (parameters,), in the parameters' own units; Student's t for as many conditions.
     """
     weight = huber_weights(problem, fitted.residual, used)
     a = fitted.jacobian * weight[:, None]
-    if held is not None:
-        a[:, held] = 0.0
     r = fitted.residual.ravel() * weight
     precision, _ = problem.prior(fitted.x, fitted.effects)
     whole = a.T @ a

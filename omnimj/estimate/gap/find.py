@@ -6,7 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,9 +25,9 @@ from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.judgement import SelectedEffect
 from omnimj.estimate.gap.search.search import SearchResult, search
 from omnimj.estimate.gap.search.selection import Progress
-from omnimj.estimate.gap.search.totals import is_held
+from omnimj.estimate.gap.uncertainty import parameter_reach
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
-from omnimj.estimate.intervals import effective_samples, jackknife_deviations, repeatability
+from omnimj.estimate.intervals import effective_samples, repeatability
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.estimate.replay.steady.replay import SteadyReplay
@@ -178,11 +178,8 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
-    problem, final = found.problem, found.final
-    final = replace(final, jacobian=problem.central_jacobian(final.x, final.effects))
-    held = is_held(problem, final.effects)
-    spread, factor = jackknife_deviations(problem, final, found.used, held)
-    return tuple(_effect(found, named, spread * factor) for named in found.named)
+    reach = parameter_reach(found)
+    return tuple(_effect(found, named, reach) for named in found.named)
 
 
 def _effect(found: SearchResult, named: SelectedEffect, reach: Array) -> NamedEffect:

@@ -1,0 +1,62 @@
+"""Intervals of a finding: scatter between conditions, the prior of the base, and the choice of the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.estimate.gap.search.screening import screen_candidates
+from omnimj.estimate.gap.search.search import SearchResult
+from omnimj.estimate.gap.search.totals import is_held
+from omnimj.estimate.intervals import effective_samples, jackknife_deviations
+from omnimj.estimate.replay.problem import Fit, Problem
+from omnimj.signals import Array
+
+
+def parameter_reach(found: SearchResult) -> Array:
+    """Half width of the 90 % interval of every parameter of the final model, shape (parameters,).
+
+    t √(V + S): V is the variance by leaving out conditions, S that by the choice of the model, and t that of
+    Student for as many conditions.
+
+    Args:
+      found: Outcome of a search.
+    """
+    problem, final = found.problem, found.final
+    held = is_held(problem, final.effects)
+    jacobian = problem.central_jacobian(final.x, final.effects)
+    jacobian[:, held] = 0.0
+    final = replace(final, jacobian=jacobian)
+    spread, factor = jackknife_deviations(problem, final, found.used)
+    return factor * np.hypot(spread, model_deviations(problem, final, found.used))
+
+
+def model_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Array:
+    """Standard deviation of every parameter by effects that may be missing, shape (parameters,).
+
+    S = Σ_k w_k δ_k², where δ_k is the change of the parameters to first order when effect k of the library
+    joins the model, and w_k its Akaike weight, exp(−½ N_eff ln(1 − s_k) − m_k) over the sum with that of
+    the model itself, 1; s_k is the share of the squared mismatch that it explains and m_k the number of its
+    parameters. Effects too faint to be named thus count as far as the data speak for them, and friction or
+    gears by another law than the library's count through the effects that stand in for them (model
+    averaging, Burnham and Anderson 2002).
+
+    Args:
+      problem: The data and the scale.
+      fitted: The fitted model; parameters whose column of the Jacobian is 0 stay as they are.
+      used: Blocks that it was fitted to, shape (blocks,).
+    """
+    taken = fitted.labels
+    left = [c for c in problem.replay.candidates if c.label not in taken]
+    samples = effective_samples(problem.replay, fitted.residual * used[:, None])
+    screened = screen_candidates(problem, fitted, left, used)
+    if not screened:
+        return np.zeros(len(fitted.x))
+    free = np.array([sum(p.high > p.low for p in one.candidate.parameters) for one in screened])
+    share = np.clip([one.share for one in screened], 0.0, 1.0 - 1e-12)
+    score = np.append(-0.5 * samples * np.log1p(-share) - free, 0.0)
+    weight = np.exp(score - score.max())
+    changes = np.array([one.start[: len(fitted.x)] - fitted.x for one in screened])
+    return np.sqrt(weight[:-1] @ changes**2 / weight.sum())
