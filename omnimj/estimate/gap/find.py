@@ -25,7 +25,7 @@ from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.judgement import SelectedEffect
 from omnimj.estimate.gap.search.search import SearchResult, search
 from omnimj.estimate.gap.search.selection import Progress
-from omnimj.estimate.gap.uncertainty import parameter_reach
+from omnimj.estimate.gap.search.uncertainty import parameter_reach
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, repeatability
 from omnimj.estimate.replay.interface import Replay
@@ -178,7 +178,7 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
-    reach = parameter_reach(found)
+    reach = parameter_reach(found.problem, found.final, found.used)
     return tuple(_effect(found, named, reach) for named in found.named)
 
 

@@ -15,6 +15,7 @@ from omnimj.estimate.gap.search.candidates import (
     MARGIN,
     NOISE_LEVEL,
     exceeds_margin,
+    fit_without,
     training_rms,
 )
 from omnimj.estimate.gap.search.cross_validation import (
@@ -29,6 +30,7 @@ from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
+from omnimj.estimate.gap.search.uncertainty import undetermined
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
@@ -222,6 +224,25 @@ class _Growing:
                 self.outcomes.append(self.ended)
                 break
             self.ended = self._grow(found)
+        self._give_up_undetermined()
+
+    def _give_up_undetermined(self) -> None:
+        """Give up effects without rivals whose intervals include nothing, the smallest gain first."""
+        used = self._split.used
+        while (start := self.state).named:
+            self._report("judging the intervals", 0.9)
+            open_ones = undetermined(start.problem, with_totals(start.problem, start.final), used)
+            doubtful = [n for n in start.named if n.candidate.label in open_ones and not n.rivals]
+            if not doubtful:
+                return
+            worst = min(doubtful, key=lambda n: n.gain.value)
+            label = worst.candidate.label
+            reduced = fit_without(start.problem, start.final, worst.candidate, self._split, 2)
+            judged = judge_effects(start.problem, reduced, self._split, may_exchange=False)
+            given_up = [GivenUp(label, worst.gain, "its 90 % interval includes nothing"), *judged.given_up]
+            self._given_up |= {one.label: one for one in given_up}
+            self.state = judged
+            self.ended = "every further effect that gains was tried and did not hold"
 
     def _eliminate_backward(self) -> None:
         """Eliminate effects backwards from the model of all, and judge those that are left."""

@@ -7,30 +7,51 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.screening import screen_candidates
-from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.gap.search.totals import is_held
 from omnimj.estimate.intervals import effective_samples, jackknife_deviations
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.signals import Array
 
 
-def parameter_reach(found: SearchResult) -> Array:
-    """Half width of the 90 % interval of every parameter of the final model, shape (parameters,).
+def parameter_reach(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Array:
+    """Half width of the 90 % interval of every parameter, shape (parameters,).
 
     t √(V + S): V is the variance by leaving out conditions, S that by the choice of the model, and t that of
     Student for as many conditions.
 
     Args:
-      found: Outcome of a search.
+      problem: The data and the scale.
+      fitted: The fitted model, with totals.
+      used: Blocks that it was fitted to, shape (blocks,).
     """
-    problem, final = found.problem, found.final
-    held = is_held(problem, final.effects)
-    jacobian = problem.central_jacobian(final.x, final.effects)
-    jacobian[:, held] = 0.0
-    final = replace(final, jacobian=jacobian)
-    spread, factor = jackknife_deviations(problem, final, found.used)
-    return factor * np.hypot(spread, model_deviations(problem, final, found.used))
+    jacobian = problem.central_jacobian(fitted.x, fitted.effects)
+    jacobian[:, is_held(problem, fitted.effects)] = 0.0
+    exact = replace(fitted, jacobian=jacobian)
+    spread, factor = jackknife_deviations(problem, exact, used)
+    return factor * np.hypot(spread, model_deviations(problem, exact, used))
+
+
+def undetermined(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> frozenset[str]:
+    """Labels of effects with one amplitude whose 90 % interval includes the value at which they vanish.
+
+    Args:
+      problem: The data and the scale.
+      fitted: The fitted model, with totals.
+      used: Blocks that it was fitted to, shape (blocks,).
+    """
+    reach, found = parameter_reach(problem, fitted, used), []
+    for candidate in fitted.effects:
+        own = parameter_slice(problem, fitted, candidate)
+        distances = [
+            abs(value - p.null_value) / max(half, 1e-300)
+            for p, value, half in zip(candidate.parameters, fitted.x[own], reach[own], strict=True)
+            if p.null_value is not None and p.high > p.low
+        ]
+        if len(distances) == 1 and distances[0] <= 1.0:
+            found.append(candidate.label)
+    return frozenset(found)
 
 
 def model_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Array:
