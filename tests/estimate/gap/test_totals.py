@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,7 +92,7 @@ def test_what_the_base_has_of_a_quantity_can_go_into_the_effect_without_any_chan
 
 
 def test_a_total_beyond_the_bounds_of_the_effect_stays_divided():
-    motor = Motor(damping=0.3)
+    motor: Any = Motor(damping=0.3)
     problem = Problem(motor, np.ones(2))
     candidate = replace(motor.candidates[0], quantity="constant")
     narrow = replace(candidate.parameters[0], high=0.25)
@@ -128,8 +129,9 @@ class Motor:
         random = np.random.default_rng(1)
         shape = self.runs * self.rows
         self._motion = 20.0 * random.standard_normal((2, shape))
+        time = np.asarray(0.01 * np.arange(self.rows), float)
         self.segments = tuple(
-            Segment(f"run_{k}", f"run_{k}", k * self.rows, (k + 1) * self.rows, np.arange(self.rows) * 0.01)
+            Segment(f"run_{k}", f"run_{k}", k * self.rows, (k + 1) * self.rows, time)
             for k in range(self.runs)
         )
         true = Setting(np.array([0.47, 4.7]), {"viscous": np.array([self.damping])})
@@ -152,7 +154,7 @@ class Motor:
 
 def test_an_interval_is_as_wide_as_the_prior_leaves_what_the_data_cannot_tell():
     """Along K(1 + ε), R(1 + ε) the damping changes by −ε K²/R; the prior gives the deviation of ε."""
-    motor = Motor(damping=0.02)
+    motor: Any = Motor(damping=0.02)
     problem = Problem(motor, np.full(2, 0.001))
     used = np.ones(len(motor.measured), bool)
     effects = motor.candidates
