@@ -252,11 +252,12 @@ def _heldout_runs(found: SearchResult) -> tuple[str, ...]:
 
 
 def _refitted(problem: Problem, fitted: Fit) -> tuple[Refitted, ...]:
-    rows = []
+    rows, totals = [], {c.quantity: c.label for c in fitted.effects if c.quantity}
     for b, value in zip(problem.replay.base, fitted.x, strict=False):
         edge = 1e-3 * (b.high - b.low)
         at_bound = value <= b.low + edge or value >= b.high - edge
-        rows.append(Refitted(b.name, b.unit, b.nominal, b.low, b.high, float(value), bool(at_bound)))
+        label = totals.get(b.name, "") if value == b.nominal else ""
+        rows.append(Refitted(b.name, b.unit, b.nominal, b.low, b.high, float(value), bool(at_bound), label))
     return tuple(rows)
 
 

@@ -71,6 +71,8 @@ class Refitted:
     """`low` and `high` bound the stated uncertainty: nominal ± half-width."""
     fitted: float
     at_bound: bool = False
+    stated_by: str = ""
+    """Named effect on the same quantity, which states the whole deviation; empty without one."""
 
 
 @dataclass(frozen=True)

@@ -138,15 +138,14 @@ def format_interval(value: Interval) -> str:
 
 def refitted_parameters(finding: Finding) -> Table:
     """List the refitted parameters, which the model declares as uncertain."""
-    rows = [
-        (
-            p.name,
-            number(format_amount(p.nominal, p.unit, 4)),
-            number(f"{format_number(p.low, 4)} to {format_number(p.high, 4)}"),
-            number(format_amount(p.fitted, p.unit, 4), "at the edge of its box" if p.at_bound else ""),
-        )
-        for p in finding.refitted
-    ]
+    rows = []
+    for p in finding.refitted:
+        note = "at the edge of its box" if p.at_bound else ""
+        if p.stated_by:
+            note = f"{p.stated_by} states the whole deviation"
+        stated = number(f"{format_number(p.low, 4)} to {format_number(p.high, 4)}")
+        fitted = number(format_amount(p.fitted, p.unit, 4), note)
+        rows.append((p.name, number(format_amount(p.nominal, p.unit, 4)), stated, fitted))
     return table(rows, ("parameter", "in the model", "stated uncertainty", "refitted"))
 
 
