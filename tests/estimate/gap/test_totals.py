@@ -86,7 +86,7 @@ def test_what_the_base_has_of_a_quantity_can_go_into_the_effect_without_any_chan
         size = np.sqrt(np.mean(residual**2))
         assert np.max(np.abs(again - residual)) < 1e-9 * max(size, 1.0), candidate.label
         assert after.x[k] == replay.base[k].nominal and after.x[-len(own)] != own[0]
-        assert is_held(problem, (candidate,)).nonzero()[0].tolist() == [k]
+        assert is_held(problem, after).nonzero()[0].tolist() == [k]
         fresh = problem.central_jacobian(after.x, (candidate,))[:, -len(own)]
         assert np.linalg.norm(fresh - after.jacobian[:, -len(own)]) < 1e-3 * np.linalg.norm(fresh)
 
@@ -100,7 +100,8 @@ def test_a_total_beyond_the_bounds_of_the_effect_stays_divided():
     x = np.array([0.6, 4.0, 0.2])
     (residual,) = problem.residuals([x], (candidate,))
     before = Fit((tight,), x, residual, problem.jacobian(x, (candidate,)), 0.0)
-    assert np.array_equal(with_totals(problem, before).x, x)
+    after = with_totals(problem, before)
+    assert np.array_equal(after.x, x) and not is_held(problem, after).any()
 
 
 INERTIA = 0.01

@@ -38,15 +38,16 @@ def with_totals(problem: Problem, fitted: Fit) -> Fit:
     return replace(fitted, x=x, jacobian=jacobian)
 
 
-def is_held(problem: Problem, effects: ModelEffects) -> NDArray[np.bool_]:
-    """True for base parameters that an effect of the same quantity stands for, shape (parameters,).
+def is_held(problem: Problem, fitted: Fit) -> NDArray[np.bool_]:
+    """True for base parameters at their nominal value for which an effect stands, shape (parameters,).
 
     Args:
       problem: The data and the scale.
-      effects: Effects in the model.
+      fitted: The fitted model, with totals.
     """
-    held = np.zeros(len(problem.scales(effects)), bool)
-    held[[k for _, k in _shared(problem, effects)]] = True
+    held = np.zeros(len(fitted.x), bool)
+    for _, k in _shared(problem, fitted.effects):
+        held[k] = fitted.x[k] == problem.replay.base[k].nominal
     return held
 
 

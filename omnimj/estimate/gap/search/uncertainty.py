@@ -27,7 +27,7 @@ def parameter_reach(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> A
       used: Blocks that it was fitted to, shape (blocks,).
     """
     jacobian = problem.central_jacobian(fitted.x, fitted.effects)
-    jacobian[:, is_held(problem, fitted.effects)] = 0.0
+    jacobian[:, is_held(problem, fitted)] = 0.0
     exact = replace(fitted, jacobian=jacobian)
     spread, factor = jackknife_deviations(problem, exact, used)
     return factor * np.hypot(spread, model_deviations(problem, exact, used))
