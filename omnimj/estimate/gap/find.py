@@ -178,7 +178,9 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
-    reach = parameter_reach(found.problem, found.final, found.used)
+    reach = found.reach
+    if reach is None:  # interrupted
+        reach = parameter_reach(found.problem, found.final, found.used)
     return tuple(_effect(found, named, reach) for named in found.named)
 
 

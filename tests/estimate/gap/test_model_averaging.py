@@ -51,4 +51,4 @@ def test_a_model_of_the_whole_library_has_no_other_effects_to_count():
 @pytest.mark.parametrize(("hidden", "open_ones"), [(0.0, {"payload"}), (0.3, set())])
 def test_an_effect_is_undetermined_where_its_interval_includes_nothing(hidden, open_ones):
     problem, found, used = fitted_toy({"payload": hidden}, {"payload"})
-    assert undetermined(problem, found, used) == open_ones
+    assert undetermined(problem, found, parameter_reach(problem, found, used)) == open_ones

@@ -30,7 +30,7 @@ from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
-from omnimj.estimate.gap.search.uncertainty import undetermined
+from omnimj.estimate.gap.search.uncertainty import parameter_reach, undetermined
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
@@ -62,6 +62,8 @@ class SearchResult:
     """Effects that were in the model for a while, with the reason for which they are not."""
     ended: str = ""
     """Reason for which nothing more was added; empty if the search was interrupted."""
+    reach: Array | None = None
+    """Half widths of the last model's 90 % intervals, shape (parameters,); None before they are judged."""
 
     @property
     def interrupted(self) -> bool:
@@ -198,6 +200,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         tuple(growing.outcomes),
         growing.given_up(),
         growing.ended,
+        growing.reach,
     )
 
 
@@ -209,6 +212,7 @@ class _Growing:
         self.rounds: list[SelectionRound] = []
         self.outcomes: list[str] = []
         self.ended = ""
+        self.reach: Array | None = None
         self._split, self._report, self._most = split, report, problem.replay.most_effects
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
@@ -231,7 +235,9 @@ class _Growing:
         used = self._split.used
         while (start := self.state).named:
             self._report("judging the intervals", 0.9)
-            open_ones = undetermined(start.problem, with_totals(start.problem, start.final), used)
+            final = with_totals(start.problem, start.final)
+            self.reach = parameter_reach(start.problem, final, used)
+            open_ones = undetermined(start.problem, final, self.reach)
             doubtful = [n for n in start.named if n.candidate.label in open_ones and not n.rivals]
             if not doubtful:
                 return
@@ -241,7 +247,7 @@ class _Growing:
             judged = judge_effects(start.problem, reduced, self._split, may_exchange=False)
             given_up = [GivenUp(label, worst.gain, "its 90 % interval includes nothing"), *judged.given_up]
             self._given_up |= {one.label: one for one in given_up}
-            self.state = judged
+            self.state, self.reach = judged, None
             self.ended = "every further effect that gains was tried and did not hold"
 
     def _eliminate_backward(self) -> None:

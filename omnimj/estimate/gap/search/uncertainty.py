@@ -33,15 +33,15 @@ def parameter_reach(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> A
     return factor * np.hypot(spread, model_deviations(problem, exact, used))
 
 
-def undetermined(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> frozenset[str]:
+def undetermined(problem: Problem, fitted: Fit, reach: Array) -> frozenset[str]:
     """Labels of effects with one amplitude whose 90 % interval includes the value at which they vanish.
 
     Args:
       problem: The data and the scale.
       fitted: The fitted model, with totals.
-      used: Blocks that it was fitted to, shape (blocks,).
+      reach: Its `parameter_reach`, shape (parameters,).
     """
-    reach, found = parameter_reach(problem, fitted, used), []
+    found = []
     for candidate in fitted.effects:
         own = parameter_slice(problem, fitted, candidate)
         distances = [
