@@ -39,6 +39,7 @@ _OF_LIMIT = 0.6  # largest planned force over that of the actuator
 _SMALLER, _TRIES = 0.8, 40
 _POSITION_NOISE, _INPUT_NOISE = 2e-4, 4e-3  # over the range of the positions and the RMS input
 _VELOCITY_NOISE = 2e-3  # over the range of the speeds
+_COMMAND = 2  # place of the command among the rows
 _JOINT_POSITION = mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtObj.mjOBJ_JOINT
 _JOINT_VELOCITY = mujoco.mjtSensor.mjSENS_JOINTVEL, mujoco.mjtObj.mjOBJ_JOINT
 _FORCE = mujoco.mjtSensor.mjSENS_ACTUATORFRC, mujoco.mjtObj.mjOBJ_ACTUATOR
@@ -132,10 +133,7 @@ class MachineLoop:
             data.qpos[:], data.qvel[:], data.qacc[:] = goal[k], rate[k], bend[k]
             mujoco.mj_inverse(model, data)
             force[k] = data.qfrc_inverse
-        for j, own in enumerate(self.loop.nominal):
-            for k in range(len(goal)):
-                dry, _, smooth = friction_bounds(own, goal[k, j], rate[k, j], force[k, j])
-                force[k, j] += smooth + dry * np.tanh(20.0 * rate[k, j]) - outer_force(own, goal[k, j])
+        _add_joint_forces(self.loop.nominal, goal, rate, force)
         return Plan(goal, rate, force, self.period)
 
 
@@ -188,6 +186,16 @@ class Bodies(NamedTuple):
 @kernel
 def _interpolated(rows, k, share, j):
     return (1.0 - share) * rows[k, j] + share * rows[k + 1, j]
+
+
+@kernel
+def _add_joint_forces(joints, goal, rate, force):
+    """Add friction, damping and springs along a motion to the forces of the links, shape (n, j), in place."""
+    for j in range(len(joints)):
+        own = joints[j]
+        for k in range(len(goal)):
+            dry, _, smooth = friction_bounds(own, goal[k, j], rate[k, j], force[k, j])
+            force[k, j] += smooth + dry * np.tanh(20.0 * rate[k, j]) - outer_force(own, goal[k, j])
 
 
 @kernel
@@ -279,7 +287,8 @@ def planned_rows(loop: Loop, plan: Plan) -> Array:
     for j, own in enumerate(loop.nominal):
         if own.gain:
             electric = own.position_gain * plan.goal[:, j] + own.velocity_gain * plan.rate[:, j]
-            rows[:, 2, j] = (plan.force[:, j] / own.gear - own.bias - own.gear * electric) / own.gain
+            command = (plan.force[:, j] / own.gear - own.bias - own.gear * electric) / own.gain
+            rows[:, 2, j] = np.clip(command, own.lowest, own.highest)
     return rows
 
 
@@ -321,14 +330,14 @@ def logged_run(
         if drive is not None:
             is_force = has_force_sensor(machine, drive.name)
             column = f"{'force' if is_force else 'control'}:{drive.name}"
-            kind, scale = (3, 1.0 / drive.gear) if is_force else (2, 1.0)
+            kind, scale = (3, 1.0 / drive.gear) if is_force else (_COMMAND, 1.0)
             if is_force and machine.forces_are_declared:
                 scale *= drive.gain / truth.joints[j].gain
             values = scale * rows[:, kind, j]
             reading = truth.channel(column)
             late = reading._replace(delay=reading.delay - truth.delay(j))
             noise = _sensor_noise(machine, drive.name, _FORCE) if is_force else 0.0
-            noise = noise or _INPUT_NOISE * float(np.sqrt(np.mean((scale * sizes[:, kind, j]) ** 2)))
+            noise = noise or _INPUT_NOISE * _input_size(truth.joints[j], scale, sizes[:, :, j], kind)
             columns[column] = _read(time, values, late, noise, random)
         if has_velocities:
             column, speed = f"velocity:{joint}", rows[:, 1, j]
@@ -337,6 +346,15 @@ def logged_run(
             )
             columns[column] = _read(time, speed, truth.channel(column), noise, random)
     return Run(name, MappingProxyType(columns), MappingProxyType({}), MappingProxyType({}))
+
+
+def _input_size(joint: JointTruth, scale: float, rows: Array, kind: int) -> float:
+    """RMS input of a run; of a position servo, without the part that its own motion balances."""
+    values = scale * rows[:, kind]
+    if kind == _COMMAND and joint.position_gain:
+        answer = joint.position_gain * rows[:, 0] + joint.velocity_gain * rows[:, 1]
+        values = values + joint.gear / joint.gain * answer
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _sensor(machine: Machine, name: str, kind: tuple[mujoco.mjtSensor, mujoco.mjtObj]) -> int | None:

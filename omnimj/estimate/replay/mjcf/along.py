@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -42,32 +43,24 @@ _DEFLECTIONS = 2  # fixed-point steps of the deflection: its error falls by (rat
 _OFF = mujoco.mjtDisableBit
 
 
+@dataclass(frozen=True)
 class Motion:
     """Motion of a machine under the position sensors of a setting, and its rigid-body forces."""
 
-    def __init__(
-        self,
-        position: Array,
-        speed: Array,
-        acceleration: Array,
-        balanced_speed: Array,
-        rigid: Array,
-        readings: Array,
-        bent: tuple[Array, Array, Array] | None = None,
-        play: Play | None = None,
-    ):
-        self.position, self.speed, self.acceleration = position, speed, acceleration
-        """Motion of the motors, shape (n, j) each."""
-        self.balanced_speed = balanced_speed
-        """Their speed for balances of forces, see `MachineLog.balanced_speed`, shape (n, j)."""
-        self.bent = bent
-        """Deflections of the springs, their speeds and accelerations, shape (n, j) each; None without any."""
-        self.play = play
-        """Links behind their play; None without any."""
-        self.rigid = rigid
-        """Rigid-body forces, shape (n, j) [N or N.m]."""
-        self.readings = readings
-        """Readings of the sensors, shape (n, s)."""
+    position: Array
+    speed: Array
+    acceleration: Array
+    """Motion of the motors, shape (n, j) each."""
+    balanced_speed: Array
+    """Their speed for balances of forces, see `MachineLog.balanced_speed`, shape (n, j)."""
+    rigid: Array
+    """Rigid-body forces, shape (n, j) [N or N.m]."""
+    readings: Array
+    """Readings of the sensors, shape (n, s)."""
+    bent: tuple[Array, Array, Array] | None = None
+    """Deflections of the springs, their speeds and accelerations, shape (n, j) each; None without any."""
+    play: Play | None = None
+    """Links behind their play; None without any."""
 
 
 class Dynamics:
@@ -95,7 +88,7 @@ class Dynamics:
         self._known: Remembered[Motion] = Remembered(_KEPT)
         substeps = max(1, int(np.ceil(log.period / max(machine.mj_model.opt.timestep, _STEP) - 1e-6)))
         self.substeps = substeps
-        """Steps of MuJoCo per row."""
+        """Steps of MuJoCo per row that its own step, or 5 ms, asks for."""
 
     def motion(self, laws: Laws, commands: Array | None = None) -> Motion:
         """Motion and rigid-body forces under a setting.
@@ -230,10 +223,12 @@ class Dynamics:
                     found[order, first:last, j] = compliance[j] * bent
         return found[0], found[1], found[2]
 
-    def _simulated(self, laws: Laws, stated: Mapping[Part, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    def _simulated(
+        self, laws: Laws, stated: Mapping[Part, float], substeps: int
+    ) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """Model of the free windows and its data."""
         model = self._bodies.model(laws, stated)
-        model.opt.timestep = self._log.period / self.substeps
+        model.opt.timestep = self._log.period / substeps
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.disableflags |= int(_OFF.mjDSBL_SENSOR)
         model.dof_armature[:] = laws.joints[:, ARMATURE]
@@ -253,6 +248,7 @@ class Dynamics:
         curve: Array,
         commands: Array,
         chosen: NDArray[np.int64],
+        substeps: int,
     ) -> Array:
         """Mean positions and speeds in free windows, NaN elsewhere, shape (blocks, 2 j).
 
@@ -262,6 +258,7 @@ class Dynamics:
           curve: Free curve of the setting.
           commands: Effective inputs, shape (n, j).
           chosen: Windows to simulate, shape (w, WINDOW).
+          substeps: Steps per row.
         """
         log = self._log
         found = np.full((log.blocks, 2 * len(laws.joints)), np.nan)
@@ -286,12 +283,12 @@ class Dynamics:
             start = (log.times, links, speeds, loads, gaps, braking)
             logged = (*start, commands, log.enabled, log.size, found)
             if (body := self._bodies.one_joint(laws, load.stated)) is not None:
-                step = log.period / self.substeps
+                step = log.period / substeps
                 law = laws.joints[0]
-                free_windows_of_one_joint(body, law, curve, own, step, self.substeps, *logged)
+                free_windows_of_one_joint(body, law, curve, own, step, substeps, *logged)
                 continue
-            simulated = self._simulated(laws, load.stated)
-            kernels.free_windows(arrays_of(*simulated), laws.joints, curve, own, self.substeps, *logged)
+            simulated = self._simulated(laws, load.stated, substeps)
+            kernels.free_windows(arrays_of(*simulated), laws.joints, curve, own, substeps, *logged)
         return found
 
 

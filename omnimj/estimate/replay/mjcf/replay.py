@@ -25,7 +25,7 @@ from omnimj.estimate.replay.interface import (
 )
 from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
-from omnimj.estimate.replay.mjcf.columns import measured_parts, stated_masses
+from omnimj.estimate.replay.mjcf.columns import Input, measured_parts, stated_masses
 from omnimj.estimate.replay.mjcf.contacts import free_runs
 from omnimj.estimate.replay.mjcf.experiments import added_masses, machine_experiments, moved_log
 from omnimj.estimate.replay.mjcf.filters import same_filter
@@ -36,9 +36,11 @@ from omnimj.estimate.replay.mjcf.kernels import (
     CURVE_KIND,
     CURVE_LOW,
     FORCE_PER_UNIT,
+    GEAR,
     OVER_POSITION,
     OVER_SPEED,
     OVER_TIME,
+    POSITION_GAIN,
 )
 from omnimj.estimate.replay.mjcf.laws import LawMaker, Laws
 from omnimj.estimate.replay.mjcf.log import MachineLog, read_machine_log
@@ -50,6 +52,11 @@ from omnimj.estimate.replay.mjcf.settings import (
     free_curves,
     joint_span,
     machine_candidates,
+)
+from omnimj.estimate.replay.mjcf.window_errors import (
+    NominalWindows,
+    predictable_blocks,
+    sufficient_substeps,
 )
 from omnimj.estimate.replay.stretches import block_means
 from omnimj.estimate.threads import map_in_threads
@@ -117,6 +124,15 @@ class MachineReplay:
         self.curves: Mapping[str, float] = free_curves(self.spans)
         self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * len(self.parts.joints)
         self.segments = self._segments()
+        self._inputs = self._compared_inputs()
+        laws = self._maker.make(self.base, nominal)
+        commands = effective_inputs(laws, log)
+        declared = NominalWindows(
+            self._dynamics, laws, self._dynamics.motion(laws, commands), commands, self._windows
+        )
+        self._predictable = predictable_blocks(declared, log)
+        self.substeps = sufficient_substeps(declared, self._predictable, self._window_errors())
+        """Steps per row of the free windows."""
         self.measured = self._measured()
         self.channels = self._channels()
         scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
@@ -201,9 +217,11 @@ class MachineReplay:
         return [self._predict(setting, log, dynamics) for setting in settings]
 
     def input_balances(self) -> dict[str, tuple[Array, Array, Array]]:
-        """Column of an input → force on its joint, rigid-body force and speed where the balance holds.
+        """Column of an input → force by its command, force of the links and speed where the balance holds.
 
-        Both forces are those of the machine as it is declared, electric damping taken out.
+        Both forces are those of the machine as it is declared, electric damping taken out. The force by which
+        a position servo answers its own position counts as one of the links: a wrong scale or sign is that of
+        the whole command, most of which this position balances.
         """
         log, laws = self.log, self._maker.make(self.base, Setting(np.array([b.nominal for b in self.base])))
         motion, commands = self._dynamics.motion(laws), effective_inputs(laws, self.log)
@@ -212,6 +230,7 @@ class MachineReplay:
             if own is not None and log.valid[:, j].any():
                 rows, law = log.valid[:, j], laws.joints[j]
                 links = motion.rigid[rows, j] + law[ARMATURE] * motion.acceleration[rows, j]
+                links -= law[GEAR] ** 2 * law[POSITION_GAIN] * motion.position[rows, j]
                 force = law[FORCE_PER_UNIT] * commands[rows, j]
                 found[own.column] = force, links, motion.speed[rows, j]
         return found
@@ -222,12 +241,12 @@ class MachineReplay:
         motion = self._dynamics.motion(laws, commands)
         missing = _missing(laws, self.log, motion, curve, commands)
         joints = len(self.parts.joints)
-        free = self._dynamics.windows(laws, motion, curve, commands, self._windows)
+        free = self._dynamics.windows(laws, motion, curve, commands, self._windows, self.substeps)
         columns = []
         missing = self._balanced(missing)
         driven = (commands, motion.position, motion.balanced_speed, self.log.enabled)
         kernels.to_input_errors(laws.joints, *driven, missing)
-        means = self._means(self.log.inputs + missing)
+        means = self._means(self._inputs + missing)
         columns += list(means.T)
         for j, name in enumerate(self.parts.joints):
             reading = laws.channel(f"position:{name}")
@@ -332,7 +351,8 @@ class MachineReplay:
         inputs = effective_inputs(laws, log) * laws.joints[:, FORCE_PER_UNIT]
         found = {}
         for j, name in enumerate(self.parts.joints):
-            own = inputs[:, j] if self.parts.inputs[j] is not None else motion.rigid[:, j]
+            driven = self.parts.inputs[j] is not None and laws.joints[j, POSITION_GAIN] == 0.0
+            own = inputs[:, j] if driven else motion.rigid[:, j]  # of a servo, the force is a small difference
             noise = (float(log.position_noise[j]), float(log.speed_noise[j]))
             columns = (log.position[:, j], log.speed[:, j], log.acceleration[:, j])
             found[name] = joint_span(*columns, own, noise)
@@ -353,10 +373,10 @@ class MachineReplay:
     def _measured(self) -> Array:
         log = self.log
         holding, least = self._means(self._holds.astype(float)), np.where(self.smoothing > 0.0, _HALF, 1.0)
-        inputs = np.where(holding >= least - 1e-9, self._means(log.inputs), np.nan)
+        inputs = np.where(holding >= least - 1e-9, self._means(self._inputs), np.nan)
         places = np.full((log.blocks, len(self.parts.joints)), np.nan)
         rows = kernels.window_rows(self._windows, log.size)
-        places[rows] = self._means(log.position)[rows]
+        places[rows] = np.where(self._predictable, self._means(log.position), np.nan)[rows]
         velocity = log.velocity[:, np.array(self.parts.has_velocity)]
         return np.hstack([inputs, places, self._means(velocity), self._means(log.sensors)])
 
@@ -376,6 +396,25 @@ class MachineReplay:
                 found[part, j] = binary_dilation(turns, iterations=near) if turns.any() else turns
         return found
 
+    def _compared_inputs(self) -> Array:
+        """Measured inputs, those of position servos less the measured motion that they answer, shape (n, j).
+
+        Forces are a small part of such a command, which is compared as exactly as they are.
+        """
+        found = self.log.inputs.copy()
+        for j, own in enumerate(self.parts.inputs):
+            if own is not None and _answers_position(own):
+                answer = own.drive.position_gain * self.log.position[:, j]
+                answer += own.drive.velocity_gain * self.log.speed[:, j]
+                found[:, j] += own.drive.gear / own.drive.gain * answer
+        return found
+
+    def _window_errors(self) -> Array:
+        """Known error of the positions in free windows, by the noise of their start and that of forces, (j,)."""
+        bends = np.array([self.spans[name].acceleration for name in self.parts.joints])
+        drift = self.log.position_noise + 0.3 * WINDOW * self.log.speed_noise
+        return drift + _EQUATION * bends * WINDOW**2 / np.sqrt(20.0)  # RMS of a t²/2
+
     def _channels(self) -> tuple[Channel, ...]:
         """Channels in the order of the columns of `measured`."""
         m, log = self._machine.mj_model, self.log
@@ -390,12 +429,11 @@ class MachineReplay:
             size = float(np.sqrt(np.nanmean(self.measured[:, j] ** 2)))
             unit = forces[j] if own.is_force else ("V" if own.drive.has_back_emf else "1")
             what = "force" if own.is_force else "command"
+            what += " beyond its own motion" if _answers_position(own) else ""
             found.append(Channel(own.column, unit, f"{what} that the motion needs", 0.0, _EQUATION * size))
-        for j, name in enumerate(self.parts.joints):
-            drift = float(log.position_noise[j] + 0.3 * WINDOW * log.speed_noise[j])
-            pushed = _EQUATION * self.spans[name].acceleration * WINDOW**2 / np.sqrt(20.0)  # RMS of a t²/2
+        for name, unit, error in zip(self.parts.joints, units, self._window_errors().tolist(), strict=True):
             words = f"position of {name} after a window without correction"
-            found.append(Channel(f"position:{name}", units[j], words, 0.0, drift + pushed))
+            found.append(Channel(f"position:{name}", unit, words, 0.0, error))
         for j, name in enumerate(self.parts.joints):
             if self.parts.has_velocity[j]:
                 error = float(log.speed_noise[j])
@@ -415,6 +453,11 @@ class MachineReplay:
                 repeats = run.repeat_of is not None
                 segments.append(Segment(run.name, run.condition, first, last, means[first:last], repeats))
         return tuple(segments)
+
+
+def _answers_position(own: Input) -> bool:
+    """True for the command of a position servo."""
+    return not own.is_force and own.drive.position_gain != 0.0
 
 
 def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:
