@@ -181,9 +181,21 @@ def _compile(path: Path) -> mujoco.MjModel:
         found = "is a folder" if path.is_dir() else "no such file"
         raise InputError(path, found, "an MJCF file is needed")
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        _name_actuators(spec)
+        return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(path, "is not an MJCF model", " ".join(str(error).split())) from None
+
+
+def _name_actuators(spec: mujoco.MjSpec) -> None:
+    """Give actuators without a name that of their joint, unless another one has it."""
+    taken = {actuator.name for actuator in spec.actuators}
+    for actuator in spec.actuators:
+        of_joint = actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target not in taken
+        if of_joint and not actuator.name:
+            actuator.name = actuator.target
+            taken.add(actuator.name)
 
 
 def _on_links(machine: Machine, tree: Any) -> Iterator[str]:

@@ -104,7 +104,7 @@ def mjcf_text(machine: Machine, values: Mapping[Part, float], changes: PartChang
         limit = changes.limits.get(drive.name, NO_LIMIT)
         if limit < NO_LIMIT or any((kind, name) == (ACTUATOR, drive.name) for kind, name, _ in changed):
             new = changed_drive(drive, values, limit if limit < NO_LIMIT else math.inf)
-            _write_drive(_find(root, _ACTUATORS, drive.name, machine), drive, new)
+            _write_drive(_find_drive(root, drive, machine), drive, new)
     bodies = {name for kind, name, _ in changed if kind == BODY} | {p.body for p in changes.payloads}
     model = with_masses(machine.mj_model, values, changes.payloads)
     for body in bodies:
@@ -132,6 +132,15 @@ def _find(root: ET.Element, tags: tuple[str, ...], name: str, machine: Machine) 
         if node.tag in tags and node.get("name") == name:
             return node
     raise InputError(f"{machine.file}: {tags[0]} {name!r}", "is not in the text of this file")
+
+
+def _find_drive(root: ET.Element, drive: Drive, machine: Machine) -> ET.Element:
+    """Node of an actuator; one without a name is that of its joint."""
+    for node in root.iter():
+        unnamed = node.tag in _ACTUATORS and not node.get("name") and drive.name == drive.joint
+        if unnamed and node.get("joint") == drive.joint:
+            return node
+    return _find(root, _ACTUATORS, drive.name, machine)
 
 
 def _number(value: float) -> str:

@@ -75,6 +75,19 @@ def inertia_about_the_joint(model):
     return float(data.qfrc_inverse[0])
 
 
+_MOTOR = '<motor joint="j"/>'
+
+
+def test_an_actuator_without_a_name_has_that_of_its_joint_and_is_found_again_in_the_file(tmp_path):
+    machine = read_machine_file(written(tmp_path, rest=f"<actuator>{_MOTOR}</actuator>"))
+    (drive,) = machine.drives
+    assert (drive.name, drive.gain) == ("j", 1.0)
+    files = new_machine_files(machine, {("actuator", "j", "gain"): 0.9}, {}, "new")
+    (tmp_path / "new.xml").write_text(files["new.xml"])
+    (changed,) = read_machine_file(tmp_path / "new.xml").drives
+    assert (changed.name, changed.gain) == ("j", 0.9)
+
+
 def test_structures_that_cannot_be_replayed_are_refused_in_one_line_with_the_part(tmp_path):
     cases = [
         ({"joint": ' type="free"'}, "joint 'j' of body 'b': is a free joint; the forces on a floating base"),
@@ -90,7 +103,7 @@ def test_structures_that_cannot_be_replayed_are_refused_in_one_line_with_the_par
         ),
         ({"rest": '<equality><connect name="e" body1="b" anchor="0 0 1"/></equality>'}, "closes a loop"),
         ({"rest": '<equality><weld body1="b"/></equality>'}, "equality '1': closes a loop (weld)"),
-        ({"rest": '<actuator><motor joint="j"/></actuator>'}, "actuator 1: has no name"),
+        ({"rest": f"<actuator>{2 * _MOTOR}</actuator>"}, "actuator 2: has no name"),
         ({"body": '<geom size="1"/>'}, "has no joints"),
         ({"body": "<nonsense/>"}, "is not an MJCF model"),
         (

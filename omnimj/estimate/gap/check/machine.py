@@ -89,6 +89,7 @@ def _input_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion]
     """Inputs that act against the motion that they cause, or that are far from what it needs."""
     from omnimj.estimate.replay.mjcf.replay import MachineReplay  # loads MuJoCo
 
+    servos = {f"control:{drive.name}" for drive in machine.drives if drive.position_gain}
     for name, balance in MachineReplay(dataset, machine).input_balances().items():
         scale, share = _scale(*balance)
         if share < _EXPLAINS:
@@ -98,7 +99,8 @@ def _input_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion]
             yield Suspicion(name, "sign", -1.0, 4.0 * share, words)
         elif abs(np.log(scale)) > GROSS:
             words = f"{name} is {scale:.4g} times the value that the motion of the links needs"
-            yield Suspicion(name, "unit", scale, abs(np.log(scale)) / GROSS, words, ("masses of the model",))
+            others = () if name in servos else ("masses of the model",)
+            yield Suspicion(name, "unit", scale, abs(np.log(scale)) / GROSS, words, others)
 
 
 def _scale(force: Array, rigid: Array, speed: Array) -> tuple[float, float]:

@@ -352,7 +352,7 @@ class MachineReplay:
         found = {}
         for j, name in enumerate(self.parts.joints):
             driven = self.parts.inputs[j] is not None and laws.joints[j, POSITION_GAIN] == 0.0
-            own = inputs[:, j] if driven else motion.rigid[:, j]  # of a servo, the force is a small difference
+            own = inputs[:, j] if driven else motion.rigid[:, j]  # a servo's force is a small difference
             noise = (float(log.position_noise[j]), float(log.speed_noise[j]))
             columns = (log.position[:, j], log.speed[:, j], log.acceleration[:, j])
             found[name] = joint_span(*columns, own, noise)
@@ -410,7 +410,7 @@ class MachineReplay:
         return found
 
     def _window_errors(self) -> Array:
-        """Known error of the positions in free windows, by the noise of their start and that of forces, (j,)."""
+        """Known error of the positions in free windows, by the noise of start and forces, shape (j,)."""
         bends = np.array([self.spans[name].acceleration for name in self.parts.joints])
         drift = self.log.position_noise + 0.3 * WINDOW * self.log.speed_noise
         return drift + _EQUATION * bends * WINDOW**2 / np.sqrt(20.0)  # RMS of a t²/2

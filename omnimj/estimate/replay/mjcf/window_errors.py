@@ -1,4 +1,4 @@
-"""Errors of free windows that no model can help: of their start, where the motion is unstable, and of the step.
+"""Errors of free windows beside those of the model: of the start where a motion is unstable, of the step.
 
 A window starts from a measured state. Along a stable motion its error grows no faster than that of a free
 body, σ(t)² = σ_q² + (σ_v t)²; a pendulum near the top, or links that swing freely, make more of it.
