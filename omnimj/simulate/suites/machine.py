@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import mujoco
+
 from omnimj.effects.parts import BODY, JOINT
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.recording.dataset import MASS_OF, Run
@@ -51,18 +53,31 @@ LOADED = "with_payload"
 
 
 def plan_motions(machine: Machine, seed: int) -> list[Condition]:
-    """Conditions of all motions, and of one with a known mass."""
+    """Conditions of all motions, and of one with a known mass on the last body of the driven joints."""
     found = [
         Condition(name, {}, MachineMotion(motion, seed + k))
         for k, (name, motion) in enumerate(MOTIONS.items())
     ]
-    bodies = machine.parts(BODY)
-    if not bodies:
+    body = _loaded_body(machine)
+    if body is None:
         return found
     added = round(PAYLOAD_SHARE * float(machine.mj_model.body_mass.sum()), 6)
-    stated = {f"{MASS_OF}{bodies[-1]}": round(machine.values[BODY, bodies[-1], "mass"] + added, 6)}
+    stated = {f"{MASS_OF}{body}": round(machine.values[BODY, body, "mass"] + added, 6)}
     loaded = MachineMotion(Motion(_SECONDS), seed + len(found), added)
     return [*found, Condition(LOADED, stated, loaded)]
+
+
+def _loaded_body(machine: Machine) -> str | None:
+    """Last body that a driven joint carries, or the last one where none is driven; None without a body."""
+    m, bodies = machine.mj_model, machine.parts(BODY)
+    driven = {int(m.jnt_bodyid[machine.joints.index(drive.joint)]) for drive in machine.drives}
+    for name in reversed(bodies):
+        above = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, name)
+        while above and above not in driven:
+            above = int(m.body_parentid[above])
+        if above:
+            return name
+    return bodies[-1] if bodies else None
 
 
 def plan_axis_motions(axis: Machine, seed: int) -> list[Condition]:
@@ -100,7 +115,7 @@ def drive_motion(machine: Machine, nominal: Machine, wanted: MachineMotion, conf
     plan = loop.plan(wanted.seed, wanted.motion)
     truth = machine_truth(machine, declared_values(machine))
     if wanted.added:
-        part = (BODY, machine.parts(BODY)[-1], "mass")
+        part = (BODY, _loaded_body(machine), "mass")
         truth = replace(truth, masses={**truth.masses, part: truth.masses[part] + wanted.added})
     rows, usual = simulated_rows(truth, loop.loop, plan), planned_rows(loop.loop, loop.plan(0))
     found = logged_run(LOADED, truth, rows, config.seed, loop.period, usual=usual)

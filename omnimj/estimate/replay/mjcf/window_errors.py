@@ -20,7 +20,7 @@ from omnimj.signals import Array
 _GROWN = 3.0  # error of a start over that of a free body, from which a window tells nothing more
 _FIRST = 3  # blocks of a window that always count
 _FINER = 4  # steps that tell an unstable machine from steps that are too long
-_FINE = 0.25  # error of the step over the known error of a channel
+_FINE = 0.5  # error of the step over the known error of a channel
 _MOST_SUBSTEPS = 16
 
 
