@@ -129,11 +129,11 @@ class MachineLoop:
         bend = np.gradient(rate, self.period, axis=0)
         model = machine_truth(self.machine, declared_values(self.machine)).rigid_model(STEP)
         data, force = mujoco.MjData(model), np.empty(goal.shape)
-        for k in range(len(goal)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = goal[k], rate[k], bend[k]
-            mujoco.mj_inverse(model, data)
-            force[k] = data.qfrc_inverse
-        _add_joint_forces(self.loop.nominal, goal, rate, force)
+        addresses = function_address("mj_inverse"), model._address, data._address
+        motion = np.stack([goal, rate, bend])
+        needed_forces(
+            self.loop.nominal, addresses, (data.qpos, data.qvel, data.qacc), data.qfrc_inverse, motion, force
+        )
         return Plan(goal, rate, force, self.period)
 
 
@@ -189,13 +189,24 @@ def _interpolated(rows, k, share, j):
 
 
 @kernel
-def _add_joint_forces(joints, goal, rate, force):
-    """Add friction, damping and springs along a motion to the forces of the links, shape (n, j), in place."""
-    for j in range(len(joints)):
-        own = joints[j]
-        for k in range(len(goal)):
-            dry, _, smooth = friction_bounds(own, goal[k, j], rate[k, j], force[k, j])
-            force[k, j] += smooth + dry * np.tanh(20.0 * rate[k, j]) - outer_force(own, goal[k, j])
+def needed_forces(joints, addresses, state, needed, motion, force):
+    """Force that each joint needs along a motion: of the links, of friction, damping and springs.
+
+    Args:
+      joints: `JointTruth` of every joint.
+      addresses: Those of `mj_inverse`, of the model and of its data.
+      state: `qpos`, `qvel` and `qacc` of the data.
+      needed: `qfrc_inverse` of the data.
+      motion: Positions, speeds and accelerations, shape (3, n, j).
+      force: Filled, shape (n, j) [N or N.m].
+    """
+    for k in range(len(force)):
+        state[0][:], state[1][:], state[2][:] = motion[0, k], motion[1, k], motion[2, k]
+        call_step(addresses[0], addresses[1], addresses[2])
+        for j in range(len(joints)):
+            place, rate = motion[0, k, j], motion[1, k, j]
+            dry, _, smooth = friction_bounds(joints[j], place, rate, needed[j])
+            force[k, j] = needed[j] + smooth + dry * np.tanh(20.0 * rate) - outer_force(joints[j], place)
 
 
 @kernel

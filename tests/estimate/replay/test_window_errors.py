@@ -86,3 +86,16 @@ def test_the_steps_of_windows_are_short_enough_for_the_noise_and_shorter_where_t
         if channel.name.startswith("position"):
             wrong = (exact.measured - found)[:, column]
             assert np.sqrt(np.nanmean(wrong**2)) < 2.0 * channel.equation_error
+
+
+def test_a_setting_that_no_step_can_follow_gives_numbers_and_no_warning_of_mujoco(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    replay = replay_of_free_links(tmp_path, 1e-4)
+    (spring,) = (c for c in replay.candidates if c.label == "stiffness (middle)")
+    values = np.array([1e5 if s.name == "stiffness" else 0.0 for s in spring.parameters])
+    stiff = Setting(np.array([b.nominal for b in replay.base]), {spring.label: values})
+    (found,) = replay.simulate([stiff])
+    assert np.isfinite(found[np.isfinite(replay.measured)]).all()
+    assert "unstable" not in "".join(capfd.readouterr()) and not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -64,6 +64,7 @@ CURVE_JOINT, CURVE_KIND, CURVE_LOW, CURVE_HIGH = range(4)
 CURVE = 4 + KNOTS
 """Numbers of a free curve: joint (−1: none), variable, range, force at the knots."""
 OVER_SPEED, OVER_POSITION, OVER_TIME = range(3)
+_DIVERGED = 1e6  # [rad/s² or m/s²] beyond which MuJoCo soon gives up with a warning
 _LEAST_KEPT = 0.05  # share of a force that fading leaves
 
 
@@ -357,6 +358,7 @@ def free_windows(
             simulation.qpos[j], simulation.qvel[j] = position[first, j], speed[first, j]
             simulation.warm[j], load[j] = 0.0, loads[first, j]
         blocks[at : at + (last - first) // size] = 0.0
+        diverged = False
         for k in range(first, last):
             block, after = at + (k - first) // size, min(k + 1, last - 1)
             for i in range(substeps):
@@ -368,7 +370,12 @@ def free_windows(
                     before[j] = simulation.qvel[j]
                     if i == 0:
                         blocks[block, j] += (simulation.qpos[j] + gaps[k, j]) / size
+                if diverged:  # the positions stay where they are
+                    if i == 0:
+                        blocks[block, joints:] += before / size
+                    continue
                 call_step(simulation.step, simulation.model, simulation.data)
+                diverged = np.abs(simulation.qacc).max() > _DIVERGED
                 for j in range(joints):
                     change = simulation.qvel[j] - before[j]
                     if k == first and i == 0:
