@@ -114,8 +114,9 @@ def drive_motion(machine: Machine, nominal: Machine, wanted: MachineMotion, conf
     loop = machine_loop(nominal, float(nominal.mj_model.opt.timestep))
     plan = loop.plan(wanted.seed, wanted.motion)
     truth = machine_truth(machine, declared_values(machine))
-    if wanted.added:
-        part = (BODY, _loaded_body(machine), "mass")
+    body = _loaded_body(machine)
+    if wanted.added and body is not None:
+        part = (BODY, body, "mass")
         truth = replace(truth, masses={**truth.masses, part: truth.masses[part] + wanted.added})
     rows, usual = simulated_rows(truth, loop.loop, plan), planned_rows(loop.loop, loop.plan(0))
     found = logged_run(LOADED, truth, rows, config.seed, loop.period, usual=usual)
