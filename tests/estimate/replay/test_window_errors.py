@@ -53,6 +53,8 @@ def test_a_window_counts_until_the_error_of_its_start_is_three_times_that_of_a_f
         assert used[: lasts - 1].all() and not used[lasts + 1 :].any()
     hanging = replay_of_pendulum(tmp_path, -1, NOISE)
     assert np.isfinite(hanging.measured[:, column]).all()
+    noted, other = (any("windows is left out" in note for note in r.notes) for r in (standing, hanging))
+    assert noted and not other
 
 
 LINKS = """<mujoco><option timestep="0.01"/><worldbody><body name="upper"><joint name="top" axis="0 1 0"/>

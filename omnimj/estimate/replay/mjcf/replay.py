@@ -8,7 +8,7 @@ measured one. `balance:JOINT`: the force that a joint without actuator lacks alo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -75,6 +75,7 @@ _KEPT = 256  # simulated settings that are remembered
 _HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input or acceleration
 _SLOWEST_RATE, _FASTEST_RATE = 2.0 * np.pi, 100.0  # [rad/s] of the filter of missing forces
+_NOTED = 0.01  # share of the windows
 _KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
 
 
@@ -136,7 +137,7 @@ class MachineReplay:
         self.measured = self._measured()
         self.channels = self._channels()
         scope = scope_notes(machine, self.parts, self.spans, log, self.candidates)
-        self.notes = (*self.parts.notes, *scope, *contacts)
+        self.notes = (*self.parts.notes, *scope, *contacts, *self._shortened())
         """Notes on columns and rows that are not used, excited joints and effects that are not sought."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
@@ -395,6 +396,14 @@ class MachineReplay:
                 turns[1:] |= speed[1:] * speed[:-1] < 0.0
                 found[part, j] = binary_dilation(turns, iterations=near) if turns.any() else turns
         return found
+
+    def _shortened(self) -> Iterator[str]:
+        """Yield a note for each joint of whose windows a part is left out."""
+        inside = self._predictable[kernels.window_rows(self._windows, self.log.size)]
+        for name, share in zip(self.parts.joints, 1.0 - inside.mean(axis=0), strict=True):
+            if share > _NOTED:
+                words = f"position of {name}: {100.0 * share:.2g} % of its windows is left out"
+                yield f"{words}, where an unstable motion makes the error of their start grow"
 
     def _compared_inputs(self) -> Array:
         """Measured inputs, those of position servos less the measured motion that they answer, shape (n, j).
