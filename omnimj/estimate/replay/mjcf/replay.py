@@ -406,9 +406,10 @@ class MachineReplay:
                 yield f"{words}, where an unstable motion makes the error of their start grow"
 
     def _compared_inputs(self) -> Array:
-        """Measured inputs, those of position servos less the measured motion that they answer, shape (n, j).
+        """Measured inputs; of position servos the following error u + g (k_q q + k_v dq/dt)/k, shape (n, j).
 
-        Forces are a small part of such a command, which is compared as exactly as they are.
+        k is the gain, g the gear, k_q and k_v those of the affine bias. Forces are a small part of such a
+        command; this way it is compared as exactly as they are.
         """
         found = self.log.inputs.copy()
         for j, own in enumerate(self.parts.inputs):
@@ -438,7 +439,7 @@ class MachineReplay:
             size = float(np.sqrt(np.nanmean(self.measured[:, j] ** 2)))
             unit = forces[j] if own.is_force else ("V" if own.drive.has_back_emf else "1")
             what = "force" if own.is_force else "command"
-            what += " beyond its own motion" if _answers_position(own) else ""
+            what = "following error" if _answers_position(own) else what
             found.append(Channel(own.column, unit, f"{what} that the motion needs", 0.0, _EQUATION * size))
         for name, unit, error in zip(self.parts.joints, units, self._window_errors().tolist(), strict=True):
             words = f"position of {name} after a window without correction"
