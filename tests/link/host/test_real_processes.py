@@ -41,6 +41,7 @@ from omnimj.link.host.state_machine import COMMAND_VALIDITY, STOP_REPEATS
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are of POSIX")
 LONGEST = 90.0  # [s]: nothing here takes so long, but native code may have to be compiled first
+ATTEMPTS = 5  # a busy machine may end a driving host, which stops when telemetry is older than 20 ms
 DRIVE = ("run", "circle_8m", "--method", "off", "--set", "drive.start_time=0.0")
 # who starts these tests in the background would have Ctrl-C ignored by their programs, too
 PROGRAM = """
@@ -124,6 +125,10 @@ class Tap:
         with self._news:
             return self._news.wait_for(lambda: holds(self.received(since)), LONGEST)
 
+    def clear(self) -> None:
+        with self._news:
+            self.frames.clear()
+
     def received(self, since: int = 0) -> list[Frame]:
         """By the device."""
         return [frame for is_host, frame in self.frames[since:] if not is_host]
@@ -160,15 +165,21 @@ def disarmed(frames: list[Frame]) -> bool:
 
 @contextlib.contextmanager
 def driving(tap: Tap) -> Iterator[subprocess.Popen[str]]:
-    """A host whose robot moves."""
-    program = started(*DRIVE, "--plant", tap.address, "--real-time", "--reset-fault")
-    try:
-        ended = program.poll
-        assert tap.until(lambda frames: flows(frames) or ended() is not None) and ended() is None
-        yield program
-    finally:
-        program.kill()
-        program.communicate()
+    """A host whose robot moves, and its frames alone in the tap."""
+    complaint = ""
+    for _ in range(ATTEMPTS):
+        tap.clear()
+        program = started(*DRIVE, "--plant", tap.address, "--real-time", "--reset-fault")
+        try:
+            ended = program.poll
+            assert tap.until(lambda frames: flows(frames) or ended() is not None)  # noqa: B023
+            if ended() is None:
+                yield program
+                return
+        finally:
+            program.kill()
+            _, complaint = program.communicate()
+    pytest.fail(f"the host does not drive: {complaint}")
 
 
 def seen(port: int) -> Telemetry:
@@ -225,12 +236,15 @@ def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, 
     ids=["Ctrl-C", "SIGTERM"],
 )
 def test_a_host_that_is_interrupted_ends_by_a_stop(tap, number):
-    with driving(tap) as host:
-        mark = len(tap.frames)
-        host.send_signal(number)
-        _, complaint = host.communicate(timeout=LONGEST)
-        assert host.returncode == 130 and "Traceback" not in complaint
-        assert tap.until(disarmed, since=mark)
+    for _ in range(ATTEMPTS):
+        with driving(tap) as host:
+            mark = len(tap.frames)
+            host.send_signal(number)
+            _, complaint = host.communicate(timeout=LONGEST)
+            assert tap.until(disarmed, since=mark)
+        if host.returncode != 1:  # not ended by itself before the signal
+            break
+    assert host.returncode == 130 and "Traceback" not in complaint
     assert [type(frame.message) for frame in tap.heard()[-STOP_REPEATS:]] == [Stop] * STOP_REPEATS
     # the stop overtakes a command that waits in the device's queue, which is then refused
     assert not any(frame.message.latched for frame in tap.received() if isinstance(frame.message, Fault))
@@ -255,7 +269,7 @@ def test_a_readonly_host_follows_another_hosts_run(capsys):
     own = f"127.0.0.1:{free_port()}"
     words = ("--set", "duration=0.3", "--plant", f"udp:{own}", "--readonly")
     with device("--monitor", own) as port:
-        for _ in range(5):  # a busy machine may end the driving host by its rule of 20 ms
+        for _ in range(ATTEMPTS):
             host = started(*DRIVE, "--plant", f"udp:127.0.0.1:{port}", "--real-time", "--reset-fault")
             try:
                 assert overheard(own)
