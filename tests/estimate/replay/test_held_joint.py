@@ -1,4 +1,6 @@
-"""A joint that dry friction holds, behind a noisy encoder: noise alone must not look like motion."""
+"""A joint that dry friction holds: neither noise of its encoder nor a filter must look like motion."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,10 +10,13 @@ from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.plant.mujoco.machine import read_machine_file, with_part_effects
 from omnimj.recording.dataset import Dataset
 from omnimj.resources import models_folder
+from omnimj.simulate.machine.drive import declared_values, logged_run, machine_loop, simulated_rows
+from omnimj.simulate.machine.truth import machine_truth
 from omnimj.simulate.suites.machine import drive_motion, plan_motions
 from omnimj.simulate.suites.suite import RunConfig
 
 SERVO = read_machine_file(models_folder() / "servo_arm" / "servo_arm.xml")
+GRIPPER = read_machine_file(Path(__file__).parents[2] / "data" / "machines" / "gripper.xml")
 SLOW = ("slow", "crawl")
 
 
@@ -29,3 +34,15 @@ def test_a_joint_that_creeps_with_known_friction_lacks_no_command(friction, meas
     share = float(np.sqrt(np.nanmean(error**2))) / held
     measured("command that a held joint lacks, over the jump of its friction [1]", share, 0.05)
     assert share < 0.05
+
+
+def test_a_joint_that_rests_between_its_strokes_lacks_no_command(measured):
+    loop, truth = machine_loop(GRIPPER), machine_truth(GRIPPER, declared_values(GRIPPER))
+    rows = [simulated_rows(truth, loop.loop, loop.plan(seed)) for seed in range(3)]
+    runs = tuple(logged_run(f"run_{k}", truth, own, k) for k, own in enumerate(rows))
+    replay = MachineReplay(Dataset(GRIPPER.file, "mjcf", runs), GRIPPER)
+    (found,) = replay.simulate([Setting(np.array([b.nominal for b in replay.base]))])
+    error = (replay.measured - found)[:, :2]
+    share = float(np.sqrt(np.nanmean(error**2))) / (2.0 * 1.5 / 15.0)
+    measured("command that a finger lacks, over the jump of its friction [1]", share, 0.01)
+    assert share < 0.01

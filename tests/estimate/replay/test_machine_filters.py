@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
-from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed, local_cubic, same_filter
+from omnimj.estimate.replay.mjcf.filters import (
+    filtered,
+    filtered_speed,
+    limited_speed,
+    local_cubic,
+    same_filter,
+)
 
 PERIOD = 0.002
 TIME = np.arange(600) * PERIOD
@@ -53,3 +59,28 @@ def test_a_local_cubic_is_that_of_scipy(width, order):
     expected = np.asarray(savgol_filter(values, width, 3, deriv=order, delta=PERIOD))
     found = local_cubic(values, width, order, PERIOD)
     assert found == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("width", [5, 9, 17, 35])
+def test_a_joint_that_stops_never_seems_to_move_backwards(width):
+    left = np.maximum(0.6 - TIME, 0.0)
+    place = -(left**2)  # friction brakes it at 2 m/s² until it rests
+    cubic = np.asarray(savgol_filter(place, width, 3, deriv=1, delta=PERIOD))
+    assert cubic.min() < -0.01 * 2.0 * (width // 2) * PERIOD
+    found = limited_speed(place, cubic, width, PERIOD)
+    assert found.min() >= -1e-12
+    assert np.abs(found[left == 0.0]).max() < 1e-12
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_limited_speed_is_that_of_a_steady_motion(sign):
+    steady = np.full(TIME.shape, 0.3 * sign)
+    found = limited_speed(steady * TIME, steady, 17, PERIOD)[17:-17]
+    assert found == pytest.approx(steady[17:-17], abs=1e-12)
+
+
+def test_a_limited_speed_under_a_constant_acceleration_is_that_nearest_to_rest_within_a_quarter_width():
+    speed, quarter = 4.0 * (TIME - 0.6), 0.25 * 16 * PERIOD
+    found = limited_speed(2.0 * (TIME - 0.6) ** 2, speed, 17, PERIOD)[17:-17]
+    expected = np.sign(speed) * np.maximum(np.abs(speed) - 4.0 * quarter, 0.0)
+    assert found == pytest.approx(expected[17:-17], abs=1e-9)

@@ -53,6 +53,8 @@ class Motion:
     """Motion of the motors, shape (n, j) each."""
     balanced_speed: Array
     """Their speed for balances of forces, see `MachineLog.balanced_speed`, shape (n, j)."""
+    limited_speed: Array
+    """Their speed that tells the direction, see `MachineLog.limited_speed`, shape (n, j)."""
     rigid: Array
     """Rigid-body forces, shape (n, j) [N or N.m]."""
     readings: Array
@@ -123,17 +125,18 @@ class Dynamics:
 
     def _along(self, laws: Laws, commands: Array | None) -> Motion:
         log = self._log
+        measured = log.position, log.speed, log.acceleration, log.balanced_speed, log.limited_speed
         columns = [
             [
                 self._true(values[:, j], reading, order, laws.has_force(j))
                 for j, reading in enumerate(self._readings_of(laws))
             ]
-            for order, values in enumerate((log.position, log.speed, log.acceleration, log.balanced_speed))
+            for order, values in enumerate(measured)
         ]
-        position, speed, acceleration, balanced = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
+        position, speed, acceleration, *speeds = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
         plain = position, speed, acceleration
         rigid, readings = self._bodies.forces(laws, plain, self._readings_of(laws))
-        bent, motor = None, (*plain, balanced)
+        bent, motor = None, (*plain, *speeds)
         if laws.joints[:, COMPLIANCE].any():
             share = self._motor_shares(laws, motor, rigid) if commands is not None else 0.0
             for _ in range(_DEFLECTIONS):
@@ -146,7 +149,7 @@ class Dynamics:
         play = None
         if laws.joints[:, PLAY].any():
             play = self._behind_play(laws, plain, rigid, commands)
-        return Motion(position, speed, acceleration, balanced, rigid, readings, bent, play)
+        return Motion(*motor, rigid, readings, bent, play)
 
     def _behind_play(
         self, laws: Laws, plain: tuple[Array, Array, Array], rigid: Array, commands: Array | None
@@ -170,15 +173,15 @@ class Dynamics:
         is in the first times the inertia I of the links, in the second times −J of the motor: with the
         weights J/(I + J) and I/(I + J) it cancels.
         """
-        position, speed, acceleration, _ = motor
+        position, speed, acceleration, *_ = motor
         inertia = self._inertias(laws, (position, speed, acceleration), rigid, COMPLIANCE)
         return inertia / (inertia + laws.joints[:, ARMATURE])
 
     def _lacking(self, laws: Laws, motor: tuple[Array, ...], rigid: Array, commands: Array) -> Array:
         """Force that the links need beyond what the motors leave them, shape (n, j) [N or N.m]."""
-        position, speed, acceleration, balanced = motor
+        position, speed, acceleration, balanced, limited = motor
         columns = np.stack([position, balanced, acceleration])
-        links = np.stack([rigid, speed, np.ones(speed.shape)])
+        links = np.stack([rigid, speed, limited, np.ones(speed.shape)])
         found, friction = np.empty(rigid.shape), np.empty(rigid.shape)
         numbers = (columns, links, commands, self._log.enabled, found, friction)
         kernels.missing_forces(laws.joints, kernels.no_curve(), self._log.times, *numbers)

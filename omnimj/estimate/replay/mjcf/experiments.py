@@ -92,6 +92,7 @@ def moved_log(log: MachineLog, joints: Sequence[str], spans: Spans, experiment: 
         speed=speed,
         acceleration=acceleration,
         balanced_speed=speed,
+        limited_speed=speed,
         inputs=np.zeros(shape),
         enabled=np.ones(shape, bool),
         velocity=nothing,

@@ -168,7 +168,8 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
       times: Time since the start of the run, shape (n,) [s].
       motion: Position, speed and acceleration, shape (3, n, j).
       links: Rigid-body forces without armature, springs and friction, with what play changes of them; speed
-        of the links behind their play, and 1 where they touch the motor, otherwise 0; shape (3, n, j).
+        of the links behind their play, and that which tells their direction; 1 where they touch the motor,
+        otherwise 0; shape (4, n, j).
       commands: Effective inputs of the actuators, shape (n, j).
       enabled: Whether the actuators are on, shape (n, j).
       missing: Filled with needed − produced force without dry friction, shape (n, j) [N or N.m].
@@ -178,21 +179,22 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
         for j in range(len(laws)):
             law = laws[j]
             q, v, rigid, sliding = motion[0, k, j], motion[1, k, j], links[0, k, j], links[1, k, j]
+            limited = links[2, k, j]
             needed = law[ARMATURE] * motion[2, k, j] + rigid + damping(law, v) * v
             needed += steady_force(law, q) - _curve_force(curve, j, q, v, times[k])
             produced = drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
             forward, backward = dry_friction(law, q, sliding, rigid)
             still = law[STILL]
-            share = (abs(sliding) / law[REST_SPEED] - still) / (1.0 - still)
+            share = (abs(limited) / law[REST_SPEED] - still) / (1.0 - still)
             share = min(max(share, 0.0), 1.0)  # 0 at rest, 1 in motion
-            share = share if sliding > 0.0 else -share
+            share = share if limited > 0.0 else -share
             low, high = -backward, forward
             if share > 0.0:
                 low += share * (forward + backward)
             else:
                 high += share * (forward + backward)
             missing[k, j] = needed - produced
-            friction[k, j] = links[2, k, j] * min(max(produced - needed, low), high)
+            friction[k, j] = links[3, k, j] * min(max(produced - needed, low), high)
 
 
 @kernel

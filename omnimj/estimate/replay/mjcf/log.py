@@ -18,7 +18,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from omnimj.errors import InputError
 from omnimj.estimate.replay.mjcf.columns import MeasuredParts
-from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed
+from omnimj.estimate.replay.mjcf.filters import filtered, filtered_speed, limited_speed
 from omnimj.estimate.replay.stretches import WINDOW, on_clock, split_at_gaps, white_noise
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
@@ -54,6 +54,9 @@ class MachineLog:
     """Smoothed motion, shape (n, j) each; positions and speeds by local cubics."""
     balanced_speed: Array
     """Speed for balances of forces; beside a measured force under its filter, shape (n, j)."""
+    limited_speed: Array
+    """Speed that tells in which direction a joint moves, see `filters.limited_speed`; beside a measured
+    force the speed, shape (n, j)."""
     inputs: Array
     """Smoothed force or command of each joint's actuator, 0 without one, shape (n, j)."""
     enabled: NDArray[np.bool_]
@@ -178,7 +181,7 @@ def _smoothed(
 ) -> dict[str, Any]:
     """Rows of one stretch by the names of `MachineLog`."""
     n, j = len(stretch.time), len(parts.joints)
-    names = ("position", "speed", "acceleration", "balanced_speed", "inputs")
+    names = ("position", "speed", "acceleration", "balanced_speed", "limited_speed", "inputs")
     found: dict[str, Any] = {key: np.zeros((n, j)) for key in names}
     found["velocity"] = np.full((n, j), np.nan)
     enabled, valid = np.ones((n, j), bool), np.ones((n, j), bool)
@@ -187,11 +190,13 @@ def _smoothed(
         place = stretch.columns[f"position:{name}"]
         for d, key in enumerate(("position", "speed", "acceleration")):
             found[key][:, k] = savgol_filter(place, width, 3, deriv=d, delta=period)
-        own, smooth = parts.inputs[k], _local_cubic
-        found["balanced_speed"][:, k] = found["speed"][:, k]
-        if own is not None and own.is_force:
+        own, smooth, speed = parts.inputs[k], _local_cubic, found["speed"][:, k]
+        found["balanced_speed"][:, k] = speed
+        found["limited_speed"][:, k] = limited_speed(place, speed, width, period)
+        if own is not None and own.is_force:  # rows around a stop are left out
             smooth = filtered
             found["balanced_speed"][:, k] = filtered_speed(place, width, period)
+            found["limited_speed"][:, k] = speed
         bad = np.asarray(stretch.masked[f"position:{name}"])
         if parts.has_velocity[k]:
             found["velocity"][:, k] = smooth(stretch.columns[f"velocity:{name}"], width)

@@ -40,6 +40,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     OVER_POSITION,
     OVER_SPEED,
     OVER_TIME,
+    PLAY,
     POSITION_GAIN,
 )
 from omnimj.estimate.replay.mjcf.laws import LawMaker, Laws
@@ -477,9 +478,10 @@ def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands
     """
     found, friction = np.empty(commands.shape), np.empty(commands.shape)
     columns = np.stack([motion.position, motion.balanced_speed, motion.acceleration])
-    links = np.stack([motion.rigid, motion.speed, np.ones(motion.speed.shape)])
+    links = np.stack([motion.rigid, motion.speed, motion.limited_speed, np.ones(motion.speed.shape)])
     if (play := motion.play) is not None:
-        links = np.stack([motion.rigid + play.force, play.speed, play.contact])
+        limited = np.where(laws.joints[:, PLAY] > 0.0, play.speed, motion.limited_speed)
+        links = np.stack([motion.rigid + play.force, play.speed, limited, play.contact])
     numbers = (columns, links, commands, log.enabled, found, friction)
     kernels.missing_forces(laws.joints, curve, log.times, *numbers)
     for j, width in enumerate(log.filter_widths):
