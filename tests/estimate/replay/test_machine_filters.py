@@ -11,9 +11,10 @@ from omnimj.estimate.replay.mjcf.filters import (
     local_cubic,
     same_filter,
 )
+from omnimj.signals import Array
 
 PERIOD = 0.002
-TIME = np.arange(600) * PERIOD
+TIME: Array = np.arange(600, dtype=float) * PERIOD
 
 
 @pytest.mark.parametrize("width", [5, 9, 17, 35])

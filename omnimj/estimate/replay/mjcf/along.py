@@ -133,10 +133,12 @@ class Dynamics:
             ]
             for order, values in enumerate(measured)
         ]
-        position, speed, acceleration, *speeds = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
+        position, speed, acceleration, balanced, limited = (
+            np.ascontiguousarray(np.stack(c, axis=1)) for c in columns
+        )
         plain = position, speed, acceleration
         rigid, readings = self._bodies.forces(laws, plain, self._readings_of(laws))
-        bent, motor = None, (*plain, *speeds)
+        bent, motor = None, (*plain, balanced, limited)
         if laws.joints[:, COMPLIANCE].any():
             share = self._motor_shares(laws, motor, rigid) if commands is not None else 0.0
             for _ in range(_DEFLECTIONS):
@@ -149,7 +151,7 @@ class Dynamics:
         play = None
         if laws.joints[:, PLAY].any():
             play = self._behind_play(laws, plain, rigid, commands)
-        return Motion(*motor, rigid, readings, bent, play)
+        return Motion(*plain, balanced, limited, rigid, readings, bent, play)
 
     def _behind_play(
         self, laws: Laws, plain: tuple[Array, Array, Array], rigid: Array, commands: Array | None
