@@ -197,11 +197,11 @@ def _format_written(folder: Path, content: Mapping[str, Any]) -> str:
 def format_finding(finding: Finding) -> str:
     """Format data check, verdict, location and size of the gap, missing effects and next step."""
     from omnimj.estimate.gap import sentences
-    from omnimj.estimate.replay.interface import EXCITED, NOT_SOUGHT
     from omnimj.recording.read_dataset import INCOMPLETE
 
+    incomplete = [note for note in finding.data_notes if note.startswith(INCOMPLETE)]
     parts = [
-        *(note for note in finding.data_notes if note.startswith(INCOMPLETE)),
+        *incomplete,
         format_data_faults(finding.data_faults),
         f"{sentences.headline(finding)}\n{sentences.summarize_finding(finding)}",
         sentences.as_sentence(finding.reason),
@@ -209,9 +209,17 @@ def format_finding(finding: Finding) -> str:
         _format_effects(finding),
         _format_gaps(finding),
         _format_next(finding),
-        "\n".join(note for note in finding.data_notes if note.startswith((EXCITED, NOT_SOUGHT))),
+        _format_notes([note for note in finding.data_notes if note not in incomplete]),
     ]
     return "\n\n".join(part for part in parts if part)
+
+
+def _format_notes(notes: Sequence[str]) -> str:
+    """Notes on the data, a line each; those on single runs, which may be many, are counted."""
+    shown = [note for note in notes if not note.startswith("run ")]
+    if left := len(notes) - len(shown):
+        shown.append(f"{left} note{'s' * (left > 1)} on single runs: see the report")
+    return "\n".join(shown)
 
 
 def _format_where(finding: Finding) -> str:

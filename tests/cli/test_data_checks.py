@@ -140,10 +140,15 @@ def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json():
         "runs": [],
     }
     short = "the dataset is incomplete: 3 of 9 planned runs were recorded"
-    finding = replace(rig_named(), data_faults=(likely,), data_notes=(short, "run a: a gap in time"))
+    finding = replace(
+        rig_named(),
+        data_faults=(likely,),
+        data_notes=(short, "run a: a gap in time", "position of hip: a part"),
+    )
     content = digest(finding, "model.toml")
     text = format_finding(finding)
-    assert text.startswith(short) and "a gap in time" not in text
+    assert text.startswith(short) and text.count(short) == 1 and "a gap in time" not in text
+    assert text.endswith("position of hip: a part\n1 note on single runs: see the report")
     assert text.index("off by +0.200") < text.index("Named: lateral_coupling")
     assert "likely" in text and content["data_faults"] == [likely]
     jsonschema.validate(json.loads(json.dumps(content)), SCHEMA)

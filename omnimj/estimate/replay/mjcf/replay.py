@@ -441,6 +441,8 @@ class MachineReplay:
             unit = forces[j] if own.is_force else ("V" if own.drive.has_back_emf else "1")
             what = "force" if own.is_force else "command"
             what = "following error" if _answers_position(own) else what
+            if len(self.parts.joints) > 1:
+                what = f"{what} of {own.drive.name}"
             found.append(Channel(own.column, unit, f"{what} that the motion needs", 0.0, _EQUATION * size))
         for name, unit, error in zip(self.parts.joints, units, self._window_errors().tolist(), strict=True):
             words = f"position of {name} after a window without correction"
