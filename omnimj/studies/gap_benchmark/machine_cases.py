@@ -271,7 +271,7 @@ def _run(
 def machine_true_values(hidden: HiddenEffect, case: Case) -> dict[str, float]:
     """Values of an effect relative to the nominal machine: hidden ones plus the errors of the base.
 
-    The errors matter where the base has the same quantity.
+    The errors matter where the base has the same quantity; what is left of it is no less than nothing.
     """
     library = machine_library(case.plant)
     true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}
@@ -279,5 +279,9 @@ def machine_true_values(hidden: HiddenEffect, case: Case) -> dict[str, float]:
     for one in library.machine.uncertain:
         if one.name == shared:
             key, error = next(iter(true)), case.base[one.name] - one.value
-            true[key] = true[key] * (1.0 + error / one.value) if key == "scale" else true[key] + error
+            if key == "scale":
+                true[key] *= 1.0 + error / one.value
+            else:
+                lowest = QUANTITIES[one.part[0]][one.part[2]].lowest
+                true[key] = max(true[key] + error, lowest - one.value)
     return true

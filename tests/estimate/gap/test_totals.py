@@ -91,6 +91,24 @@ def test_what_the_base_has_of_a_quantity_can_go_into_the_effect_without_any_chan
         assert np.linalg.norm(fresh - after.jacobian[:, -len(own)]) < 1e-3 * np.linalg.norm(fresh)
 
 
+@pytest.mark.parametrize("label", ["coulomb (shaft)", "viscous (shaft)"])
+def test_where_nothing_of_a_quantity_is_left_the_effect_is_all_of_it(label):
+    replay = replay_of("servo_arm")
+    problem = Problem(replay, np.ones(len(replay.channels)))
+    candidate = next(c for c in replay.candidates if c.label == label)
+    k = [b.name for b in replay.base].index(candidate.quantity)
+    nominal, x = replay.base[k].nominal, problem.start()
+    x[k] = 0.5 * (replay.base[k].low + nominal)
+    x = np.append(x, -nominal)  # less than nothing, which the machine takes for nothing
+    (residual,) = problem.residuals([x], (candidate,))
+    assert not problem.central_jacobian(x, (candidate,))[:, -1].any()
+    after = with_totals(problem, Fit((candidate,), x, residual, problem.jacobian(x, (candidate,)), 0.0))
+    assert after.x[-1] == -nominal and after.x[k] == nominal
+    (again,) = problem.residuals([after.x], (candidate,))
+    assert np.abs(again - residual).max() < 1e-9 * np.sqrt(np.mean(residual**2))
+    assert problem.central_jacobian(after.x, (candidate,))[:, -1].any()
+
+
 def test_a_total_beyond_the_bounds_of_the_effect_stays_divided():
     motor: Any = Motor(damping=0.3)
     problem = Problem(motor, np.ones(2))

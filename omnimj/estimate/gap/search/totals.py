@@ -19,8 +19,8 @@ from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem
 def with_totals(problem: Problem, fitted: Fit) -> Fit:
     """The same model with every shared quantity of the base at its nominal value.
 
-    A factor s of an effect becomes s b/b₀, an amount c becomes c + b − b₀. Nothing changes where that lies
-    outside the bounds of the effect.
+    A factor s of an effect becomes s b/b₀, an amount c becomes c + b − b₀, −b₀ at least where nothing of the
+    quantity is left. Nothing changes where that lies outside the bounds of the effect.
 
     Args:
       problem: The data and the scale.
@@ -32,6 +32,8 @@ def with_totals(problem: Problem, fitted: Fit) -> Fit:
         own, base = candidate.parameters[0], problem.replay.base[k]
         factor = x[k] / base.nominal if own.null_value == 1.0 else 1.0
         total = x[at] * factor if own.null_value == 1.0 else x[at] + x[k] - base.nominal
+        if own.low == -base.nominal:
+            total = max(total, own.low)
         if own.low <= total <= own.high:
             x[at], x[k] = total, base.nominal
             jacobian[:, at] /= factor

@@ -257,8 +257,7 @@ def _above_zero(
     part = (JOINT, joint, effect.quantity)
     if effect.quantity not in QUANTITIES[JOINT]:
         return shape
-    half = sum(one.half_width for one in machine.uncertain if one.part == part)
-    return dataclasses.replace(shape, low=max(shape.low, -machine.values[part] - half))
+    return dataclasses.replace(shape, low=max(shape.low, -machine.values[part]))
 
 
 def _placed(shape: CandidateParameter, span: JointSpan) -> CandidateParameter:
