@@ -141,6 +141,12 @@ def test_a_joint_that_never_turns_back_is_named(tmp_path):
             "compliance, backlash on joint knee: it has no actuator",
         ),
         (
+            '<motor name="hip_motor" joint="hip"/>',
+            "control",
+            "",
+            "load_friction on joint knee: without an actuator it transmits nothing but its own friction",
+        ),
+        (
             MOTORS,
             "control",
             "",

@@ -103,6 +103,9 @@ def _lack(
         return None
     own = parts.inputs[parts.joints.index(joint)]
     if kind == JOINT:
+        if own is None and effect == "load_friction":
+            reason = "without an actuator it transmits nothing but its own friction"
+            return Lack(f"joint {name}", reason, "coulomb is the same there")
         if own is None:
             reason = "it has no actuator beyond a spring or a play"
             return Lack(f"joint {name}", reason, "give it one if it is driven")

@@ -116,7 +116,7 @@ def _choices(
     inputs = {own.drive.joint: own for own in parts.inputs if own is not None}
     if selector.name == JOINT:
         names = moving
-        if effect.name == "compliance":
+        if effect.name in ("compliance", "load_friction"):
             names = [j for j in moving if j in inputs]
         elif effect.name == "backlash":
             names = [j for j in moving if j in inputs and inputs[j].is_force]
