@@ -121,6 +121,7 @@ def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
     """Noise from the second differences of neighbouring blocks, per channel.
 
     For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ²; the median is robust to starts and reversals.
+    Blocks without any mismatch, where dry friction holds a joint whatever drives it, do not count.
 
     Args:
       replay: Gives the segments.
@@ -129,17 +130,17 @@ def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
     Returns:
       Shape (channels,).
     """
+    known = np.where(mismatch == 0.0, np.nan, mismatch)
     bends = [
-        mismatch[p.first : p.last - 2]
-        - 2.0 * mismatch[p.first + 1 : p.last - 1]
-        + mismatch[p.first + 2 : p.last]
+        known[p.first : p.last - 2] - 2.0 * known[p.first + 1 : p.last - 1] + known[p.first + 2 : p.last]
         for p in replay.segments
         if p.last - p.first > 2
     ]
     if not bends:
         return np.zeros(mismatch.shape[1])
-    middle = np.nanmedian(np.abs(np.concatenate(bends)), axis=0)
-    return middle / 0.6745 / np.sqrt(6.0)
+    sizes = np.abs(np.concatenate(bends))
+    middle = [np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in sizes.T]
+    return np.array(middle) / 0.6745 / np.sqrt(6.0)
 
 
 def block_noise(replay: Replay, mismatch: Array) -> Array:

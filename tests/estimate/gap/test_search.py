@@ -12,7 +12,13 @@ from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, heldout_gain, make_folds, make_groups
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.verdict import judge_search
-from omnimj.estimate.intervals import block_noise, effective_samples, jackknife_deviations, repeatability
+from omnimj.estimate.intervals import (
+    block_noise,
+    effective_samples,
+    jackknife_deviations,
+    neighbour_noise,
+    repeatability,
+)
 from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
 
 
@@ -109,6 +115,16 @@ def test_scatter_of_white_noise_is_its_standard_deviation():
     floor = repeatability(toy, mismatch)
     assert floor[0] == pytest.approx(0.01, rel=0.05)
     assert block_noise(toy, mismatch)[0] == pytest.approx(np.hypot(0.01, 0.002 * toy.measured.std()), rel=0.2)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.4, 0.8])
+def test_blocks_in_which_friction_holds_a_joint_do_not_lower_the_noise(rest):
+    toy = Toy({})
+    mismatch = 0.01 * np.random.default_rng(3).standard_normal(toy.measured.shape)
+    for segment in toy.segments:
+        mismatch[segment.first : segment.first + round(rest * (segment.last - segment.first))] = 0.0
+    assert neighbour_noise(toy, mismatch)[0] == pytest.approx(0.01, rel=0.1)
+    assert neighbour_noise(toy, np.zeros(mismatch.shape))[0] == 0.0
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
