@@ -29,7 +29,9 @@ STRETCH = 4
 """Columns of the table of stretches: rows start … end − 1, its first window and number of windows."""
 _STEP = 0.002  # [s] shortest period of the rows
 _HALVES = (0.008, 0.012, 0.016, 0.024, 0.036, 0.05, 0.07)  # [s] half widths of the filter
-_CLEAR = 0.1  # noise of the acceleration over its RMS
+_CLEAR = 0.1  # noise of the acceleration over its RMS in motion
+_REST = 6.0  # noise of the smoothed speed up to which a joint counts as at rest
+_SLOWEST = 2e-3  # least such speed over the top speed
 _FEWEST = 24  # samples of a stretch
 
 
@@ -75,6 +77,11 @@ class MachineLog:
     """Standard deviation of the noise of each smoothed speed, shape (j,)."""
     input_noise: Array
     """Standard deviation of the noise of each measured input, 0 without one, shape (j,)."""
+
+    @property
+    def rest_speed(self) -> Array:
+        """Speed up to which each joint counts as at rest, shape (j,)."""
+        return _rest_speed(self.speed, self.speed_noise)
 
     @property
     def filter_widths(self) -> list[int]:
@@ -160,18 +167,27 @@ def _cut_run(index: int, run: Run, parts: MeasuredParts, period: float):
             yield _Stretch(index, clock - run.time[0], values, {n: mask for n, (_, mask) in found.items()})
 
 
+def _rest_speed(speed: Array, noise: Array | float) -> Array:
+    return np.maximum(_REST * noise, _SLOWEST * np.abs(speed).max(axis=0))
+
+
 def _width(places: Sequence[Array], period: float, noise: float) -> int:
-    """Width of the narrowest filter whose acceleration is clear of the encoder's noise [samples]."""
+    """Width of the narrowest filter whose acceleration in motion is clear of the noise of the encoder."""
     width = 5
     for half in _HALVES:
         width = max(2 * round(half / period) + 1, 5)
         own = [p for p in places if len(p) > width]
         if not own:
             return 5
-        parts: list[Any] = [savgol_filter(p, width, 3, deriv=2, delta=period) for p in own]
-        bends = np.concatenate(parts)
-        scatter = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=2, delta=period)))
-        if scatter < _CLEAR * float(np.sqrt(np.mean(bends**2))):
+        speed, bends = (
+            np.concatenate([np.asarray(savgol_filter(p, width, 3, deriv=d, delta=period)) for p in own])
+            for d in (1, 2)
+        )
+        by_speed, by_bends = (
+            noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=d, delta=period))) for d in (1, 2)
+        )
+        moves = np.abs(speed) > _rest_speed(speed, by_speed)
+        if moves.any() and by_bends < _CLEAR * float(np.sqrt(np.mean(bends[moves] ** 2))):
             break
     return width
 

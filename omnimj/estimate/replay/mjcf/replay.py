@@ -70,8 +70,6 @@ WINDOW = 0.5
 """Length of a free window [s]."""
 _STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen evenly
 _MORE_EFFECTS = 2  # in a model, per joint
-_REST = 6.0  # noise of the smoothed speed up to which a joint counts as at rest
-_SLOWEST = 2e-3  # least such speed over the top speed
 _KEPT = 256  # simulated settings that are remembered
 _HALF, _LEAST_SHARE = 0.5, 1e-6  # rows of a block, and of a filter, in which the balance holds
 _EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input or acceleration
@@ -108,10 +106,9 @@ class MachineReplay:
         self._dynamics = Dynamics(machine, log, self.parts.sensors, stated)
         self._windows = self._chosen_windows()
         self._known: Remembered[Array] = Remembered(_KEPT)
-        rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
         period = min(float(np.median(np.diff(run.time))) for run in self._runs)
         self.base = base_parameters(machine, period)
-        self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
+        self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, log.rest_speed)
         nominal = Setting(np.array([b.nominal for b in self.base]))
         self.spans = self._spans(nominal)
         self.smoothing = self._smoothing_of(nominal)
