@@ -183,11 +183,11 @@ def _width(places: Sequence[Array], period: float, noise: float) -> int:
             np.concatenate([np.asarray(savgol_filter(p, width, 3, deriv=d, delta=period)) for p in own])
             for d in (1, 2)
         )
-        by_speed, by_bends = (
+        speed_noise, bend_noise = (
             noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=d, delta=period))) for d in (1, 2)
         )
-        moves = np.abs(speed) > _rest_speed(speed, by_speed)
-        if moves.any() and by_bends < _CLEAR * float(np.sqrt(np.mean(bends[moves] ** 2))):
+        moves = np.abs(speed) > _rest_speed(speed, speed_noise)
+        if moves.any() and bend_noise < _CLEAR * float(np.sqrt(np.mean(bends[moves] ** 2))):
             break
     return width
 
