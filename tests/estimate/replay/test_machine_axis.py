@@ -139,10 +139,10 @@ def test_a_current_is_the_command_of_the_actuator():
     # without the low-pass filter of measured forces: noise of the current, and of the position twice derived
     log, white = current.log, np.random.default_rng(0).standard_normal((2, 400_000))
     width, stride = round(2.0 * log.reach[0] / 1e-3) + 1, round(log.period / 1e-3)
-    force = savgol_filter(FORCE_NOISE * white[0], width, 3)
-    force -= 96.5 * savgol_filter(1.04e-6 * white[1], width, 3, deriv=2, delta=1e-3)
+    force = np.asarray(savgol_filter(FORCE_NOISE * white[0], width, 3))
+    bends = np.asarray(savgol_filter(1.04e-6 * white[1], width, 3, deriv=2, delta=1e-3))
     triangle = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
-    rows = np.convolve(force, triangle, "same")[::stride]
+    rows = np.convolve(force - 96.5 * bends, triangle, "same")[::stride]
     expected = rows.reshape(-1, log.size).mean(axis=1).std()
     assert 0.9 * expected < rms(current)[0] * FORCE_CONSTANT < 1.15 * expected
 
