@@ -17,7 +17,7 @@ WEIGHT = 9.81 * (0.48 * 0.1 + 0.01 * 0.05)
 
 
 @kernel
-def swing(goal, rate, constant, resistance, viscous, dry, load_share, offset, fading, rows):
+def swing(goal, rate, constant, resistance, viscous, dry, load_share, offset, fading, efficiency, rows):
     """Fill position and voltage of a servo with the weight of SERVO, under a PD law."""
     inertia = INERTIA + ARMATURE
     place, speed, acceleration = 0.0, 0.0, 0.0
@@ -29,6 +29,7 @@ def swing(goal, rate, constant, resistance, viscous, dry, load_share, offset, fa
         rows[k, 0], rows[k, 1] = place, voltage
         torque = constant * (voltage - constant * speed) / resistance
         torque /= 1.0 + fading * abs(torque)
+        torque = torque / efficiency if torque * speed < 0.0 else torque
         pull = WEIGHT * np.sin(place)
         friction = dry + load_share * abs(pull + INERTIA * acceleration)
         free = speed + STEP * (torque - pull - viscous * speed + offset) / inertia
@@ -45,6 +46,7 @@ def write_servo_logs(
     runs: int = 6,
     sign: float = 1.0,
     fading: float = 0.0,
+    efficiency: float = 1.0,
 ) -> None:
     """Write a dataset of a servo whose constants lie within the uncertainty of its model."""
     generator, made = np.random.default_rng(3), []
@@ -53,7 +55,8 @@ def write_servo_logs(
         reach, slow, fast = generator.uniform([0.5, 0.3, 1.2], [1.4, 0.9, 2.5])
         goal = reach * np.sin(2.0 * np.pi * slow * time) + 0.25 * np.sin(2.0 * np.pi * fast * time + k)
         rows = np.empty((len(time), 2))
-        swing(goal, np.gradient(goal, STEP), 0.52, 4.8, 0.012, 0.025, load_share, offset, fading, rows)
+        drive = (load_share, offset, fading, efficiency)
+        swing(goal, np.gradient(goal, STEP), 0.52, 4.8, 0.012, 0.025, *drive, rows)
         rows = rows[:: round(PERIOD / STEP)]
         noisy = rows + generator.standard_normal(rows.shape) * [2e-4, 0.01]
         columns = {"time": time[:: round(PERIOD / STEP)], "position:shaft": noisy[:, 0]}

@@ -52,6 +52,11 @@ def _limited(changes: PartChanges, values: Values) -> None:
     changes.limits[name] = min(values["limit"], changes.limits.get(name, NO_LIMIT))
 
 
+def _driven_back(changes: PartChanges, values: Values) -> None:
+    key = (ACTUATOR, str(values[ACTUATOR]), "braking")
+    changes.terms[key] = (1.0 + changes.terms.get(key, 0.0)) / values["efficiency"] - 1.0
+
+
 def _loaded(changes: PartChanges, values: Values) -> None:
     changes.payloads.append(Payload(str(values[BODY]), values["mass"], values["distance"]))
 
@@ -142,6 +147,13 @@ EFFECTS: tuple[Effect, ...] = (
         "the force per command falls as the force grows: F/(1 + c |F|), as by magnetic saturation",
         (_P("coefficient", "1/N", 0.0, _ANY, 0.1),),
         adds_term(ACTUATOR, "fading", "coefficient"),
+    ),
+    _of_actuator(
+        "back_driving",
+        "where the motion drives the motor, 1/efficiency of its force arrives: a gear with losses, or a "
+        "drive that brakes less than it drives",
+        (_P("efficiency", "1", 0.2, 2.0, 0.9, 1.0),),
+        _driven_back,
     ),
     _of_joint(
         "coulomb",

@@ -20,6 +20,7 @@ from omnimj.simulate.machine.truth import (
     JointTruth,
     MachineTruth,
     actuator_force,
+    behind_gear,
     friction_bounds,
     is_apart,
     machine_truth,
@@ -189,6 +190,12 @@ def _interpolated(rows, k, share, j):
 
 
 @kernel
+def _slowed(speed, change):
+    """Speed after dry friction, which stops a motion but never turns it back."""
+    return max(speed - change, 0.0) if speed > 0.0 else min(speed + change, 0.0)
+
+
+@kernel
 def needed_forces(joints, addresses, state, needed, motion, force):
     """Force that each joint needs along a motion: of the links, of friction, damping and springs.
 
@@ -246,9 +253,11 @@ def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
                 if i == 0:
                     rows[k, 0, j], rows[k, 1, j], rows[k, 2, j] = seen, rate, command[j]
                     rows[k, 3, j] = drive
+                drive, held = behind_gear(own, drive, speed[j])
                 if own.play > 0.0:  # friction acts on the link
                     load[j] = play_force(own, place[j] - bodies.qpos[j], speed[j] - bodies.qvel[j])
-                    speed[j] += step * (drive - load[j]) / own.armature
+                    free = speed[j] + step * (drive - load[j]) / own.armature
+                    speed[j] = _slowed(free, step * held / own.armature)
                     place[j] += step * speed[j]
                     forward, backward, smooth = friction_bounds(own, bodies.qpos[j], bodies.qvel[j], load[j])
                     bodies.friction[j] = 0.5 * (forward + backward)
@@ -257,6 +266,7 @@ def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
                     continue
                 forward, backward, smooth = friction_bounds(own, place[j], speed[j], load[j])
                 push = drive + outer_force(own, place[j]) - smooth
+                forward, backward = forward + held, backward + held
                 if own.compliance == 0.0:
                     bodies.friction[j] = 0.5 * (forward + backward)
                     bodies.applied[j] = push - 0.5 * (forward - backward)
@@ -264,8 +274,7 @@ def drive_machine(joints, loop, plan, bodies, substeps, step, rows):
                 load[j] = (place[j] - bodies.qpos[j]) / own.compliance
                 bodies.friction[j], bodies.applied[j] = 0.0, load[j]
                 free = speed[j] + step * (push - load[j]) / own.armature
-                held = step * (forward if free > 0.0 else backward) / own.armature
-                speed[j] = max(free - held, 0.0) if free > 0.0 else min(free + held, 0.0)
+                speed[j] = _slowed(free, step * (forward if free > 0.0 else backward) / own.armature)
                 place[j] += step * speed[j]
             call_step(bodies.step, bodies.model, bodies.data)
             for j in range(n):

@@ -83,6 +83,8 @@ class JointTruth(NamedTuple):
     """Time constant of the actuator [s]."""
     fading: float
     """Loss c of the force F of its actuator, F/(1 + c |F|) [1/N or 1/(N.m)]."""
+    braking: float
+    """What the gear adds to a force F by which the motor brakes the links, over F."""
     on_link: bool
     """True if the position is measured on the link, behind spring and play; otherwise on the motor."""
     growing_dry: float = 0.0
@@ -93,8 +95,9 @@ class JointTruth(NamedTuple):
     ripple_waves: float = 0.0
     """Its waves per radian or metre."""
     ripple_phase: float = 0.0
-    braking_loss: float = 0.0
-    """Share of the actuator's force that the gear wastes while the links drive it, outside the library."""
+    fast_loss: float = 0.0
+    """Share of the actuator's force that the gear wastes at the speed `loss_speed`, outside the library."""
+    loss_speed: float = 1.0
 
 
 @kernel
@@ -134,7 +137,19 @@ def actuator_force(joint, command, position, speed):
     force += joint.gear * (joint.position_gain * position + joint.velocity_gain * speed)
     force /= 1.0 + joint.fading * abs(force)
     force = joint.gear * min(max(force, joint.weakest), joint.strongest)
-    return force * (1.0 - joint.braking_loss) if force * speed < 0.0 else force
+    return force * (1.0 - min(joint.fast_loss * abs(speed) / joint.loss_speed, 1.0))
+
+
+@kernel
+def behind_gear(joint, force, speed):
+    """Force that the gear of an actuator passes on, and its dry friction, which a loss at braking is.
+
+    A gear that passes on less at braking than at driving has no friction, but jumps at standstill.
+    """
+    if joint.braking > 0.0:
+        half = 0.5 * joint.braking
+        return (1.0 + half) * force, half * abs(force)
+    return (1.0 + joint.braking) * force if force * speed < 0.0 else force, 0.0
 
 
 @kernel
@@ -258,7 +273,7 @@ def _actuator(drive: Drive | None, values: Mapping, changes: PartChanges) -> dic
             "lowest",
             "highest",
         )
-        return {"gear": 1.0, "lag": 0.0, "fading": 0.0} | dict.fromkeys(names, 0.0)
+        return {"gear": 1.0, "lag": 0.0, "fading": 0.0, "braking": 0.0} | dict.fromkeys(names, 0.0)
     limit = changes.limits.get(drive.name, NO_LIMIT)
     true = changed_drive(drive, values, np.inf if limit >= NO_LIMIT else limit)
     return {
@@ -272,5 +287,5 @@ def _actuator(drive: Drive | None, values: Mapping, changes: PartChanges) -> dic
         "lowest": true.command_range[0],
         "highest": true.command_range[1],
         "lag": true.lag,
-        "fading": changes.terms.get((ACTUATOR, drive.name, "fading"), 0.0),
+        **{key: changes.terms.get((ACTUATOR, drive.name, key), 0.0) for key in ("fading", "braking")},
     }

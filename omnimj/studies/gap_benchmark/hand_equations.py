@@ -21,6 +21,7 @@ from omnimj.simulate.machine.drive import STEP, Loop, Plan
 from omnimj.simulate.machine.truth import (
     MachineTruth,
     actuator_force,
+    behind_gear,
     friction_bounds,
     outer_force,
 )
@@ -130,7 +131,7 @@ def rates(time, state, joints, links, loop, plan, sharp, drives):
     """Derivative of position, speed and received command, shape (3 j,); fills the forces `drives`."""
     n = len(joints)
     place, speed, received = state[:n], state[n : 2 * n], state[2 * n :]
-    found, driven = np.empty(3 * n), np.empty(n)
+    found, driven, lost = np.empty(3 * n), np.empty(n), np.empty(n)
     mass, bias = _rigid(links, place, speed)
     whole = mass.copy()
     for j in range(n):
@@ -143,14 +144,15 @@ def rates(time, state, joints, links, loop, plan, sharp, drives):
         else:
             found[2 * n + j] = 0.0
         drives[j] = actuator_force(own, command, place[j], speed[j])
-        driven[j] = drives[j] + outer_force(own, place[j]) - bias[j]
+        passed, lost[j] = behind_gear(own, drives[j], speed[j])
+        driven[j] = passed + outer_force(own, place[j]) - bias[j]
     load, bend = bias.copy(), np.zeros(n)
     for _ in range(_LOADS):
         push = driven.copy()
         for j in range(n):
             forward, backward, smooth = friction_bounds(joints[j], place[j], speed[j], load[j])
             side = math.tanh(speed[j] / sharp[j])
-            push[j] -= smooth + (forward if side > 0.0 else backward) * side
+            push[j] -= smooth + ((forward if side > 0.0 else backward) + lost[j]) * side
         bend = np.linalg.solve(whole, push)
         load = mass @ bend + bias
     found[:n], found[n : 2 * n] = speed, bend

@@ -59,11 +59,13 @@ _ALIKE = (
     frozenset({"gain", "torque_constant", "back_emf"}),
     frozenset({"saturation", "soft_saturation"}),
     frozenset({"armature", "payload"}),
+    frozenset({"load_friction", "back_driving"}),
     frozenset(_BESIDE_MOTOR),
 )
 """Effects that one joint's logs hardly separate: two of a set are never hidden together."""
-_FOREIGN_SIZES = {"friction_law": 0.015, "drive_ripple": 0.015, "gear_law": 0.03}
-"""Noticeable deviations: dry friction and ripple over the joint's RMS force, share of the force lost."""
+_FOREIGN_SIZES = {"friction_law": 0.015, "drive_ripple": 0.015, "gear_law": 0.05}
+"""Noticeable deviations: dry friction and ripple over the joint's RMS force, share of the force lost at top
+speed."""
 _LENGTHS = {"friction_law": (0.05, 0.3), "drive_ripple": (3.0, 9.0), "gear_law": (1.0, 1.0)}
 """Ranges: speed over the top speed, waves in the range of the motion."""
 
@@ -256,7 +258,7 @@ def _foreign(structure: UnmodelledEffect, size: JointSize) -> dict[str, float]:
         waves = 2.0 * np.pi * structure.length / size.reach
         found = {"ripple": structure.amplitude * size.force, "ripple_waves": waves}
         return {**found, "ripple_phase": structure.phase}
-    return {"braking_loss": structure.amplitude}
+    return {"fast_loss": structure.amplitude, "loss_speed": size.speed}
 
 
 def _run(

@@ -33,6 +33,8 @@ SERVO = draw_machine_cases("servo_arm", 3)
 EMPTY = next(case for case in SERVO if case.kind == "null" and case.structure is None)
 PRESENT = [
     ("load_friction", {"share": 0.15, "joint": "shaft"}),
+    ("back_driving", {"efficiency": 0.85, "actuator": "motor"}),
+    ("back_driving", {"efficiency": 1.15, "actuator": "motor"}),
     ("stribeck", {"force": 0.04, "velocity": 0.5, "joint": "shaft"}),
     ("actuator_lag", {"time_constant": 0.02, "actuator": "motor"}),
     ("payload", {"mass": 0.1, "distance": 0.15, "body": "arm"}),
@@ -51,10 +53,18 @@ def hiding(plant="servo_arm", *effects: tuple[str, dict], maker=MUJOCO):
     return dataclasses.replace(EMPTY, hidden=hidden, base=base, plant=plant, maker=maker)
 
 
-@pytest.mark.parametrize("plant", representative("two_link_arm", "linear_axis", "servo_arm", keep=2))
-def test_equations_written_by_hand_move_the_true_machine_as_mujoco_does(plant, measured):
+GEAR = ("back_driving", {"efficiency": 0.85, "actuator": "motor"})
+
+
+@pytest.mark.parametrize(
+    ("plant", "hidden"),
+    representative(
+        ("two_link_arm", ()), ("servo_arm", (GEAR,)), ("linear_axis", ()), ("servo_arm", ()), keep=3
+    ),
+)
+def test_equations_written_by_hand_move_the_true_machine_as_mujoco_does(plant, hidden, measured):
     library = machine_library(plant)
-    plan, truth = library.loop.plan(5), true_machine(hiding(plant))
+    plan, truth = library.loop.plan(5), true_machine(hiding(plant, *hidden))
     by_hand, by_mujoco = (rows(truth, library.loop.loop, plan) for rows in (integrated_rows, simulated_rows))
     travel = float(np.ptp(by_mujoco[:, 0], axis=0).min())
     position, command = (

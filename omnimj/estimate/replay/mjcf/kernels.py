@@ -3,6 +3,8 @@
 Balance at a joint, with the rigid-body force R of its links, and for a joint at rest the friction that the
 balance asks for, within the bounds of dry friction:
   J q̈ + R(q, q̇, q̈) + (b ± Δb/2 + c |q̇|) q̇ + k (q − q_0) + D sgn q̇ − F_0 = gear · force
+A gear with the efficiency η passes on 1/η of the force F where F q̇ < 0. This is a dry friction beside a
+larger force, (1 + β/2) F − β/2 |F| sgn q̇ with β = 1/η − 1, so that a joint at rest may have any in between.
 Free window: MuJoCo steps from the measured state, driven by the measured input alone; dry friction is that of
 its solver, with the level of the present state, and what MJCF has no word for is an applied force. Its steps
   (M + h b/2) Δv = h f(q, v),   q⁺ = q + h (v + Δv)
@@ -48,16 +50,17 @@ from omnimj.signals import Array
     POSITION_GAIN,
     VELOCITY_GAIN,
     FADING,
+    BRAKING,
     LOW,
     HIGH,
     REST_SPEED,
     FORCE_PER_UNIT,
     PLAY,
     STILL,
-) = range(30)
-LAW = 30
-"""Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel. `STILL`: share of
-the rest speed up to which any friction within its bounds is possible."""
+) = range(31)
+LAW = 31
+"""Numbers of a joint's law. `BRAKING`: β of its gear. `FORCE_PER_UNIT`: force on the joint per unit of its
+channel. `STILL`: share of the rest speed up to which any friction within its bounds is possible."""
 
 KNOTS = 8
 CURVE_JOINT, CURVE_KIND, CURVE_LOW, CURVE_HIGH = range(4)
@@ -120,33 +123,43 @@ def drive_force(law, command, position, speed):
 
 
 @kernel
+def passed_on(law, force, speed):
+    """Force of the actuator behind its gear, in motion [N or N.m]."""
+    return force * (1.0 + law[BRAKING]) if force * speed < 0.0 else force
+
+
+@kernel
 def to_input_errors(laws, commands, position, speed, enabled, forces):
     """Turn missing forces, shape (n, j), into errors of the inputs, in place.
 
-    To the first order, ΔF du/dF with du/dF = (1 + c |F|)²/(force per unit), F without fading. Without the
-    square, the error of an actuator that fades would vanish for large gains, whatever its force.
+    To the first order, ΔF du/dF with du/dF = (1 + c |F|)²/(force per unit), F without fading, and η times as
+    much where the motion drives the motor. Without the square, the error of an actuator that fades would
+    vanish for large gains, whatever its force.
     """
     for k in range(len(forces)):
         for j in range(len(laws)):
             law = laws[j]
             forces[k, j] /= law[FORCE_PER_UNIT]
-            if law[FADING] != 0.0 and enabled[k, j]:
+            if (law[FADING] != 0.0 or law[BRAKING] != 0.0) and enabled[k, j]:
                 force = _declared_force(law, commands[k, j], position[k, j], speed[k, j])
                 forces[k, j] *= (1.0 + law[FADING] * abs(force)) ** 2
+                if law[GEAR] * force * speed[k, j] < 0.0:
+                    forces[k, j] /= 1.0 + law[BRAKING]
 
 
 @kernel
 def to_inputs(laws, position, speed, enabled, forces):
     """Turn forces that are missing with commands of 0, shape (n, j), into inputs that give them, in place.
 
-    The inverse of `drive_force` without its limits.
+    The inverse of `drive_force` without its limits, behind the gear.
     """
     for k in range(len(forces)):
         for j in range(len(laws)):
             law, q, v, declared, own = laws[j], position[k, j], speed[k, j], 0.0, 0.0
             if enabled[k, j]:
                 declared, own = _declared_force(law, 0.0, q, v), drive_force(law, 0.0, q, v)
-            force = (forces[k, j] + own) / law[GEAR]
+            force = forces[k, j] + passed_on(law, own, v)
+            force /= law[GEAR] * (1.0 + law[BRAKING] if force * v < 0.0 else 1.0)
             kept = max(1.0 - law[FADING] * abs(force), _LEAST_KEPT)
             forces[k, j] = (force / kept - declared) * law[GEAR] / law[FORCE_PER_UNIT]
 
@@ -183,7 +196,10 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
             needed = law[ARMATURE] * motion[2, k, j] + rigid + damping(law, v) * v
             needed += steady_force(law, q) - _curve_force(curve, j, q, v, times[k])
             produced = drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
+            lost = 0.5 * law[BRAKING] * abs(produced)
+            produced *= 1.0 + 0.5 * law[BRAKING]
             forward, backward = dry_friction(law, q, sliding, rigid)
+            forward, backward = forward + lost, backward + lost
             still = law[STILL]
             share = (abs(limited) / law[REST_SPEED] - still) / (1.0 - still)
             share = min(max(share, 0.0), 1.0)  # 0 at rest, 1 in motion
@@ -194,6 +210,7 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
             else:
                 high += share * (forward + backward)
             missing[k, j] = needed - produced
+            low, high = min(low, high), max(low, high)  # a gear with η > 1 can outweigh friction
             friction[k, j] = links[3, k, j] * min(max(produced - needed, low), high)
 
 
@@ -392,25 +409,26 @@ def free_windows(
 
 @kernel
 def pushing_force(law, curve, joint, command, is_on, time, position, speed):
-    """Force on a joint beside those of the rigid bodies, its spring and friction; damping coefficient.
+    """Force on a joint beside that of bodies, spring and friction; its damping; dry friction of its gear.
 
     The motor's own damping, by its voltage per speed, counts as damping.
     """
-    slowing = damping(law, speed)
+    slowing, lost = damping(law, speed), 0.0
     push = law[OFFSET] + _curve_force(curve, joint, position, speed, time)
     push -= law[CABLE] * (position - law[CABLE_REST])
     if is_on:
         force = drive_force(law, command, position, speed)
-        push += force
+        lost = 0.5 * law[BRAKING] * abs(force)
+        push += (1.0 + 0.5 * law[BRAKING]) * force
         limited = force <= law[GEAR] * law[LOW] or force >= law[GEAR] * law[HIGH]
         if law[GEAR] < 0.0:
             limited = force >= law[GEAR] * law[LOW] or force <= law[GEAR] * law[HIGH]
         if law[VELOCITY_GAIN] < 0.0 and not limited:
             faded = 1.0 + law[FADING] * abs(_declared_force(law, command, position, speed))
-            electric = -law[VELOCITY_GAIN] * (law[GEAR] / faded) ** 2
+            electric = -(1.0 + 0.5 * law[BRAKING]) * law[VELOCITY_GAIN] * (law[GEAR] / faded) ** 2
             slowing += electric  # taken implicitly by the step
             push += electric * speed
-    return push, slowing
+    return push, slowing, lost
 
 
 @kernel
@@ -418,13 +436,15 @@ def _set_forces(simulation, law, curve, j, command, is_on, time, load):
     """Set damping, dry friction and applied force of a joint for the next step."""
     q, v = simulation.qpos[j], simulation.qvel[j]
     forward, backward = dry_friction(law, q, v, load[j])
-    push, slowing = pushing_force(law, curve, j, command, is_on, time, q, v)
+    push, slowing, lost = pushing_force(law, curve, j, command, is_on, time, q, v)
     if slowing < 0.0:
         push -= slowing * v
         slowing = 0.0
     simulation.damping[j] = 0.5 * slowing
-    simulation.friction[j] = 0.5 * (forward + backward)
+    resistance = 0.5 * (forward + backward) + lost
+    simulation.friction[j] = max(resistance, 0.0)
     simulation.applied[j] = push - 0.5 * slowing * v - 0.5 * (forward - backward)
+    simulation.applied[j] -= min(resistance, 0.0) * np.sign(v)  # of a gear with η > 1
 
 
 def no_curve() -> Array:

@@ -17,6 +17,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     ASYMMETRIC_DAMPING,
     ASYMMETRIC_DRY,
     BIAS,
+    BRAKING,
     CABLE,
     CABLE_REST,
     COMPLIANCE,
@@ -190,6 +191,7 @@ class LawMaker:
             row[POSITION_GAIN], row[VELOCITY_GAIN] = drive.position_gain, drive.velocity_gain
             row[LOW], row[HIGH] = drive.force_range
             row[FADING] = changes.terms.get((ACTUATOR, drive.name, "fading"), 0.0)
+            row[BRAKING] = changes.terms.get((ACTUATOR, drive.name, "braking"), 0.0)
             delay = changes.terms.get((ACTUATOR, drive.name, "delay"), 0.0)
             law = InputLaw(reading, delay, drive.lag, drive.command_range)
         row[FORCE_PER_UNIT] = row[GEAR] * row[GAIN] / reading.scale

@@ -115,14 +115,18 @@ def free_windows_of_one_joint(
             for i in range(substeps):
                 share = i / substeps
                 command = (1.0 - share) * commands[k, 0] + share * commands[after, 0]
-                push, slowing = pushing_force(law, curve, 0, command, enabled[k, 0], times[k], q, v)
+                push, slowing, lost = pushing_force(law, curve, 0, command, enabled[k, 0], times[k], q, v)
                 push -= (1.0 - share) * braking[k, 0] + share * braking[after, 0]
                 push -= slowing * v + law[SPRING] * (q - law[SPRING_REST])
                 weight = body.constant + body.sine * np.sin(q) + body.cosine * np.cos(q)
                 push -= weight
                 forward, backward = dry_friction(law, q, v, load)
                 inertia = body.inertia + law[ARMATURE] + 0.5 * step * max(slowing, 0.0)
-                push += min(max(-push - v * inertia / step, -forward), backward)
+                forward, backward = forward + lost, backward + lost
+                if forward + backward >= 0.0:
+                    push += min(max(-push - v * inertia / step, -forward), backward)
+                else:  # a gear with an efficiency above 1
+                    push += backward if v < 0.0 else -forward
                 change = step * push / inertia
                 if i == 0:
                     blocks[block, 0] += (q + gaps[k, 0]) / size

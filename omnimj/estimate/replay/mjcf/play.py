@@ -20,6 +20,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     damping,
     drive_force,
     dry_friction,
+    passed_on,
     steady_force,
 )
 from omnimj.estimate.replay.mjcf.log import MachineLog
@@ -131,7 +132,7 @@ def follow_motors(law, stretches, h, enabled, commands, position, speed, acceler
                 0.5 * (acceleration[k] + acceleration[k + 1]),
             )
             command = 0.5 * (commands[k] + commands[k + 1])
-            drive = drive_force(law, command, place, motor) if enabled[k] else 0.0
+            drive = passed_on(law, drive_force(law, command, place, motor), motor) if enabled[k] else 0.0
             if side * (drive - law[ARMATURE] * change) < 0.0:
                 side = 0.0
             if side == 0.0:
@@ -162,7 +163,7 @@ def _first_push(law, enabled, commands, position, speed, acceleration, first, la
         fast = max(fast, abs(speed[k]))
     for k in range(first, last):
         if abs(speed[k]) > 0.05 * fast and enabled[k]:
-            drive = drive_force(law, commands[k], position[k], speed[k])
+            drive = passed_on(law, drive_force(law, commands[k], position[k], speed[k]), speed[k])
             return 1.0 if drive >= law[ARMATURE] * acceleration[k] else -1.0
     return 1.0
 

@@ -16,7 +16,7 @@ from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, joint_unit
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, CandidateParameter
 from omnimj.estimate.replay.mjcf.columns import MeasuredParts
 from omnimj.estimate.replay.mjcf.laws import TIMING
-from omnimj.plant.mujoco.machine import Machine
+from omnimj.plant.mujoco.machine import Machine, apply_part_effects
 from omnimj.plant.mujoco.quantities import QUANTITIES, body_names, is_hinge, joint_to_centre
 from omnimj.signals import Array
 
@@ -254,6 +254,9 @@ def _above_zero(
     """Bound an amplitude so that the joint's quantity that it adds to does not fall below zero."""
     if effect.name == "payload":
         return dataclasses.replace(shape, low=max(shape.low, -0.9 * float(machine.mj_model.body_mass.sum())))
+    if effect.name == "load_friction":
+        own = apply_part_effects(machine).terms.get((JOINT, joint, "load_share"), 0.0)
+        return dataclasses.replace(shape, low=min(0.0 - own, 0.0))  # friction never drives
     part = (JOINT, joint, effect.quantity)
     if effect.quantity not in QUANTITIES[JOINT]:
         return shape
