@@ -60,6 +60,7 @@ _ALIKE = (
     frozenset({"saturation", "soft_saturation"}),
     frozenset({"armature", "payload"}),
     frozenset({"load_friction", "back_driving"}),
+    frozenset({"force_offset", "grade"}),
     frozenset(_BESIDE_MOTOR),
 )
 """Effects that one joint's logs hardly separate: two of a set are never hidden together."""

@@ -239,6 +239,11 @@ def _at(values, place, first, last, is_smooth):
 def effective_commands(raw, stretches, late, lag, period, low, high, is_smooth, commands):
     """Commands as the actuator receives them: delayed, limited, filtered with a first-order lag.
 
+    The lag is exact for commands that change in straight lines between the rows, with the share
+    a = (1 − exp(−P/τ)) τ/P of a change that is still missing after a row's period P:
+      y_k = u_k − (u_(k−1) − y_(k−1)) exp(−P/τ) − a (u_k − u_(k−1)),
+    so that a lag far below the period delays by τ as well.
+
     Args:
       raw: Measured commands of one joint, shape (n,).
       stretches: Table of stretches.
@@ -250,14 +255,18 @@ def effective_commands(raw, stretches, late, lag, period, low, high, is_smooth, 
       is_smooth: True for values between rows by cubics, False for those by straight lines.
       commands: Filled, shape (n,).
     """
-    keep = math.exp(-period / lag) if lag > 1e-6 else 0.0
+    keep, missing = 0.0, 0.0
+    if lag > 1e-6:
+        keep = math.exp(-period / lag)
+        missing = (1.0 - keep) * lag / period
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
-        state = min(max(raw[first], low), high)
+        state = before = min(max(raw[first], low), high)
         for k in range(first, last):
             wanted = _at(raw, k - late / period, first, last, is_smooth)
             wanted = min(max(wanted, low), high)
-            state = keep * state + (1.0 - keep) * wanted
+            state = wanted - (before - state) * keep - missing * (wanted - before)
+            before = wanted
             commands[k] = state
 
 
