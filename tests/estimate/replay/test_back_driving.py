@@ -121,7 +121,7 @@ def test_mujoco_and_the_closed_form_agree_on_such_a_gear(driven_back, monkeypatc
     assert (wrong < 2e-3).all()
 
 
-def test_friction_by_load_never_drives(driven_back):
+@pytest.mark.parametrize("name", ["load_friction", "stribeck", "position_friction"])
+def test_extra_friction_is_never_less_than_none(driven_back, name):
     candidates = {c.label: c for c in replay_of(driven_back[0]).candidates}
-    (share,) = candidates["load_friction (shaft)"].parameters
-    assert share.low == 0.0
+    assert candidates[f"{name} (shaft)"].parameters[0].low == 0.0

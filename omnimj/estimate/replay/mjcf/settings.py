@@ -26,6 +26,11 @@ _MOST = 30.0  # bound of an amplitude in typical sizes: three times the joint's 
 _FADED = 4.0  # largest c |F| of a soft saturation at the largest force
 _SLOW = 0.4  # share of the top speed up to which friction counts as friction near standstill
 _SPEEDS, _PLACES = (0.02, 0.05, 0.1, 0.25), (0.1, 0.3, 0.5, 0.7, 0.9)
+_EXTRA_FRICTION = {
+    "load_friction": "load_share",
+    "stribeck": "stribeck_force",
+    "position_friction": "place_force",
+}
 _PLAY, _WIDEST = 1e-3, 0.1  # play of typical size and widest play, over the joint's range
 _ADDED = 0.05  # payload of typical size over the mass of its body and what it carries
 _ARMS = (0.5, 1.0, 1.5, 2.0)  # places of a payload, over the distance of the centre of mass
@@ -251,12 +256,17 @@ def _sized(shape: CandidateParameter, unit: str, span: JointSpan, machine: Machi
 def _above_zero(
     shape: CandidateParameter, effect: Effect, machine: Machine, joint: str
 ) -> CandidateParameter:
-    """Bound an amplitude so that the joint's quantity that it adds to does not fall below zero."""
+    """Bound an amplitude so that what it adds to does not fall below zero.
+
+    Extra friction, of a load, of a place or near standstill, only ever adds to dry friction. With either
+    sign each of them stands in for another: less friction around one place for friction that grows with a
+    load, say, and less near standstill for any friction that grows with the speed.
+    """
     if effect.name == "payload":
         return dataclasses.replace(shape, low=max(shape.low, -0.9 * float(machine.mj_model.body_mass.sum())))
-    if effect.name == "load_friction":
-        own = apply_part_effects(machine).terms.get((JOINT, joint, "load_share"), 0.0)
-        return dataclasses.replace(shape, low=min(0.0 - own, 0.0))  # friction never drives
+    if effect.name in _EXTRA_FRICTION:
+        own = apply_part_effects(machine).terms.get((JOINT, joint, _EXTRA_FRICTION[effect.name]), 0.0)
+        return dataclasses.replace(shape, low=min(0.0 - own, 0.0))
     part = (JOINT, joint, effect.quantity)
     if effect.quantity not in QUANTITIES[JOINT]:
         return shape
