@@ -10,6 +10,10 @@ def _torque_constant(changes: MachineChanges, values: Values) -> None:
     changes.torque_scale[changes.wheel_rows(values)] *= values["scale"]
 
 
+def _back_driving(changes: MachineChanges, values: Values) -> None:
+    changes.scale_back_driving(values["efficiency"])
+
+
 def _backlash(changes: MachineChanges, values: Values) -> None:
     rotor = changes.machine.motor.reflected_inertia
     changes.set_term("backlash", values["angle"], rotor_inertia=rotor)
@@ -36,6 +40,15 @@ EFFECTS = (
             EffectParameter("load", "1", 0.0, 0.8, 0.1),
         ),
         hooks=(adds_to_term("axle_viscous", "viscous"), adds_to_term("gear_load", "load")),
+    ),
+    Effect(
+        "back_driving",
+        "where the wheel drives the motor, the gear's efficiency is not as declared: 1/efficiency of the "
+        "declared torque arrives",
+        "motor",
+        (RIG, ROBOT),
+        (EffectParameter("efficiency", "1", 0.2, 2.0, 0.85, 1.0),),
+        hooks=(_back_driving,),
     ),
     Effect(
         "backlash",

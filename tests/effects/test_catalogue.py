@@ -20,11 +20,12 @@ from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 NAMES = {
     "quarter_rig": """lateral_coupling rolling_resistance rail_coulomb rail_viscous rail_stribeck
         rail_position bearing_friction floor_traction floor_patch payload grade cable_drag air_drag
-        torque_constant gear_loss backlash motor_cogging roller_ripple supply_sag winding_heating wheel_radius
+        torque_constant gear_loss back_driving backlash motor_cogging roller_ripple supply_sag
+        winding_heating wheel_radius
         current_bias current_scale wheel_speed_scale carriage_speed_scale acceleration_bias
         acceleration_scale sensor_delay""",
     "uto_robot": """roller_friction rolling_resistance bearing_friction floor_traction floor_patch payload
-        grade air_drag torque_constant gear_loss backlash motor_cogging roller_ripple supply_sag
+        grade air_drag torque_constant gear_loss back_driving backlash motor_cogging roller_ripple supply_sag
         winding_heating wheel_radius wheel_misalignment current_bias current_scale acceleration_bias
         acceleration_scale yaw_rate_bias yaw_rate_scale sensor_delay""",
     "linear_axis": """coulomb viscous asymmetric_viscous asymmetric_coulomb stribeck position_friction

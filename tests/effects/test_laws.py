@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rig_reference import SMOOTHING, rates
 from scipy.integrate import solve_ivp
 
-from omnimj.effects import with_effects
+from omnimj.effects import apply_effects, with_effects
 from omnimj.errors import InputError
 from omnimj.physics import effect_terms as terms_of
 from omnimj.physics.effect_terms import (
@@ -301,3 +301,25 @@ def test_rollers_without_friction_and_the_effect_are_the_rollers_with_it():
         again = rig_run(with_effects(bare, {"lateral_coupling": amounts}), kind, 300, 0.35)
         assert np.array_equal(again, rig_run(RIG, kind, 300, 0.35))
         assert rig_run(bare, kind, 300, 0.35)[-1, 2] > again[-1, 2] + 0.015
+
+
+@pytest.mark.parametrize("kind", ["planar", "twin"])
+def test_a_gear_that_passes_on_as_much_either_way_brakes_less_and_drives_as_before(kind):
+    currents = np.concatenate([np.full(300, 1.2), np.full(200, -0.6)])
+    either_way = with_effects(RIG, {"back_driving": {"efficiency": RIG.motor.gear_efficiency**-2}})
+    before, after = (rig_run(machine, kind, 500, 0.0, currents)[:, 2] for machine in (RIG, either_way))
+    assert np.array_equal(before[:300], after[:300])
+    assert after[-1] > before[-1] + 0.01
+
+
+def test_a_gear_never_brakes_less_than_it_drives():
+    efficiency = RIG.motor.gear_efficiency
+    for far in (efficiency**-2, 2.0):
+        machine = with_effects(RIG, {"back_driving": {"efficiency": far}})
+        assert apply_effects(machine).machine.motor.driven_gain == pytest.approx(efficiency)
+
+
+def test_back_driving_acts_on_what_the_model_file_states_for_its_gear():
+    stated = dataclasses.replace(RIG, motor=dataclasses.replace(RIG.motor, back_driving_efficiency=0.5))
+    twice = with_effects(stated, {"back_driving": {"efficiency": 0.8}, "back_driving_2": {"efficiency": 0.9}})
+    assert 1.0 / apply_effects(twice).machine.motor.driven_gain == pytest.approx(0.5 * 0.8 * 0.9)

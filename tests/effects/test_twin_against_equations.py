@@ -36,13 +36,18 @@ RIG_EFFECTS = {
     "supply_sag": {},
     "winding_heating": {},
     "wheel_radius": {},
+    "back_driving": {"efficiency": 0.7},
 }
+BRAKING = {"back_driving"}
+"""Effects that show where the carriage drives the motor."""
 
 
 @pytest.mark.parametrize("name", RIG_EFFECTS)
 def test_on_the_rig_the_carriage_is_changed_alike(name, measured):
     lateral = 0.3 if name == "lateral_coupling" else 0.0
     machine, currents = with_effects(RIG, {name: RIG_EFFECTS[name]}), np.full(STEPS, 1.2)
+    if name in BRAKING:
+        currents[STEPS // 2 :] = -0.6
     changes = {}
     for kind in ("twin", "planar"):
         with_it = rig_run(machine, kind, STEPS, lateral, currents)
@@ -117,6 +122,7 @@ ROBOT_EFFECTS = [
     ("torque_constant", {"wheel": 1, "scale": 0.7}),
     ("torque_constant", {"wheel": 2, "scale": 0.7}),
     ("gear_loss", {}),
+    ("back_driving", {"efficiency": 0.7}),
     ("supply_sag", {"resistance": 6.0}),
     ("winding_heating", {"rate": 0.2}),
     ("wheel_radius", {"wheel": 2, "scale": 0.95}),

@@ -55,7 +55,11 @@ KINDS: Mapping[str, UnmodelledKind] = {
 
 STRUCTURES: Mapping[str, UnmodelledKind] = {
     "gear_law": UnmodelledKind(
-        "the gear wastes torque also when the carriage drives the motor", 0.8, "N/A", 1.0, 1.0
+        "the gear wastes a share of its torque that grows with the speed, the amplitude at `length`",
+        0.8,
+        "N/A",
+        0.6,
+        1.0,
     ),
     "friction_law": UnmodelledKind(
         "dry friction of the rail that builds up with speed and saturates", 0.2, "N", 0.05, 0.3
@@ -124,8 +128,8 @@ class UnmodelledEffect:
             return self.amplitude * self._wave(motion.position)
         if self.kind == "drive_ripple":
             return self.amplitude * math.sin(self.length * motion.wheel_angle + self.phase)
-        if self.kind == "gear_law" and motion.current * motion.speed < 0.0:
-            return -self.amplitude * motion.current
+        if self.kind == "gear_law":
+            return -self.amplitude * motion.current * abs(motion.speed) / self.length
         return 0.0
 
     def _dry_friction(self, motion: Motion) -> float:
