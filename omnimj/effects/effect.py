@@ -343,13 +343,10 @@ class MachineChanges:
         entries[key] = max(before + value, 0.0)
 
     def scale_back_driving(self, factor: float) -> None:
-        """Multiply the efficiency of the gears while the wheels drive them, up to E_b = 1/E.
-
-        There a gear passes on E G_r T in both directions; beyond it would brake less than it drives.
-        """
+        """Multiply the efficiency of the gears while the wheels drive them."""
         motor, entries = self.machine.motor, self._added.setdefault("motor", {})
         before = entries.get("back_driving_efficiency", 1.0 / motor.driven_gain)
-        entries["back_driving_efficiency"] = min(factor * before, 1.0 / motor.gear_efficiency)
+        entries["back_driving_efficiency"] = factor * before
 
     def add_to_term(self, name: str, value: float, rows: slice = slice(None)) -> None:
         """Add to an effect term of some wheels, by default of all."""

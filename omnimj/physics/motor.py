@@ -179,7 +179,8 @@ def drive_torque_bounds(motor, current, wheel_speed):
 
     T = (K_t i − T_nl sign(ω) − b ω) G_r E, or G_r/E_b in place of G_r E where the wheel drives the motor;
     friction of the brake included. At rest any torque between the two is possible (stiction). The first is
-    never above the second.
+    never above the second: a gear that brakes less than it drives, E E_b > 1, has the torque of its motion
+    alone where the two would cross.
 
     Args:
       motor: `MotorParameters`.
@@ -190,6 +191,11 @@ def drive_torque_bounds(motor, current, wheel_speed):
     electric -= motor.viscous * motor.gear_ratio * wheel_speed
     forward = _through_gear(motor, electric - motor.no_load_torque, 1.0) - motor.brake
     backward = _through_gear(motor, electric + motor.no_load_torque, -1.0) + motor.brake
+    if forward > backward:
+        return (
+            forward if wheel_speed > 0.0 else backward,
+            backward if wheel_speed < 0.0 else forward,
+        )
     return forward, backward
 
 

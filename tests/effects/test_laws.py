@@ -312,13 +312,6 @@ def test_a_gear_that_passes_on_as_much_either_way_brakes_less_and_drives_as_befo
     assert after[-1] > before[-1] + 0.01
 
 
-def test_a_gear_never_brakes_less_than_it_drives():
-    efficiency = RIG.motor.gear_efficiency
-    for far in (efficiency**-2, 2.0):
-        machine = with_effects(RIG, {"back_driving": {"efficiency": far}})
-        assert apply_effects(machine).machine.motor.driven_gain == pytest.approx(efficiency)
-
-
 def test_back_driving_acts_on_what_the_model_file_states_for_its_gear():
     stated = dataclasses.replace(RIG, motor=dataclasses.replace(RIG.motor, back_driving_efficiency=0.5))
     twice = with_effects(stated, {"back_driving": {"efficiency": 0.8}, "back_driving_2": {"efficiency": 0.9}})

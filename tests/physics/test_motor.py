@@ -34,10 +34,23 @@ def test_a_driven_gear_loses_the_other_way_round():
     assert forward == pytest.approx(shaft * MOTOR.gear_ratio / MOTOR.gear_efficiency, rel=1e-14)
 
 
-@given(currents, speeds)
-def test_friction_bounds_never_cross(current, speed):
-    low, high = m.drive_torque_bounds(_motor(), current, speed)
+gains = st.floats(0.3, 2.0)
+
+
+@given(currents, speeds, gains)
+def test_friction_bounds_never_cross(current, speed, driven_gain):
+    low, high = m.drive_torque_bounds(_motor(driven_gain=driven_gain), current, speed)
     assert low <= high
+
+
+@given(currents, speeds.filter(bool), gains)
+def test_a_turning_wheel_has_the_torque_of_its_motion_whatever_the_gear_loses(current, speed, driven_gain):
+    motor, way = _motor(driven_gain=driven_gain), math.copysign(1.0, speed)
+    shaft = MOTOR.torque_constant * current - MOTOR.viscous * MOTOR.gear_ratio * speed
+    shaft -= way * MOTOR.no_load_torque
+    gain = driven_gain if shaft * speed < 0.0 else MOTOR.gear_efficiency
+    low, high = m.drive_torque_bounds(motor, current, speed)
+    assert (low if speed > 0.0 else high) == pytest.approx(shaft * MOTOR.gear_ratio * gain, rel=1e-12)
 
 
 @given(speeds)
