@@ -344,9 +344,9 @@ class MachineChanges:
 
     def scale_back_driving(self, factor: float) -> None:
         """Multiply the efficiency of the gears while the wheels drive them."""
-        motor, entries = self.machine.motor, self._added.setdefault("motor", {})
-        before = entries.get("back_driving_efficiency", 1.0 / motor.driven_gain)
-        entries["back_driving_efficiency"] = factor * before
+        entries, key = self._added.setdefault("motor", {}), "back_driving_efficiency"
+        before = entries[key] if key in entries else 1.0 / float(self.machine.motor.driven_gain)
+        entries[key] = factor * before
 
     def add_to_term(self, name: str, value: float, rows: slice = slice(None)) -> None:
         """Add to an effect term of some wheels, by default of all."""
