@@ -308,7 +308,7 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
     words = "hide effects drawn by --seed, search blind, score; an interrupted --out is resumed"
     group.add_argument("--benchmark", action="store_true", help=words)
     count = whole_number(1, 1000)
-    words = "repetitions of the set of cases, 248 of the rig or 60 of another machine (default 1)"
+    words = "repetitions of the set of cases, 257 of the rig or 60 of another machine (default 1)"
     group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
     words = "only the first N cases, which are in random order"
     group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)

@@ -34,7 +34,7 @@ DEVIATION = (0.5, 1.5)
 WITHIN = 0.8
 """Share of the stated half-width within which true parameters lie."""
 
-_NULL, _PAIRS, _TRIPLES = 60, 56, 28  # numbers of cases per trial
+_NULL, _PAIRS, _TRIPLES = 60, 60, 30  # numbers of cases per trial
 _ABSENT = 2  # cases per trial of each effect that the model has and the machine lacks
 _ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
 """Effects that only add friction: the nominal rig has little that could be removed."""
