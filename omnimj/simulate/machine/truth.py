@@ -84,7 +84,7 @@ class JointTruth(NamedTuple):
     fading: float
     """Loss c of the force F of its actuator, F/(1 + c |F|) [1/N or 1/(N.m)]."""
     braking: float
-    """What the gear adds to a force F by which the motor brakes the links, over F."""
+    """Relative change 1/η − 1 of the motor's force by its gear where the links drive the motor."""
     on_link: bool
     """True if the position is measured on the link, behind spring and play; otherwise on the motor."""
     growing_dry: float = 0.0
@@ -142,9 +142,10 @@ def actuator_force(joint, command, position, speed):
 
 @kernel
 def behind_gear(joint, force, speed):
-    """Force that the gear of an actuator passes on, and its dry friction, which a loss at braking is.
+    """Force behind the gear of an actuator, and the gear's dry friction [N or N.m].
 
-    A gear that passes on less at braking than at driving has no friction, but jumps at standstill.
+    A loss at braking (η < 1) acts as dry friction. With η > 1 there is none, and the force jumps at
+    standstill.
     """
     if joint.braking > 0.0:
         half = 0.5 * joint.braking
