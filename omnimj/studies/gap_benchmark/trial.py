@@ -22,8 +22,9 @@ from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
-from omnimj.estimate.gap.search.screening import screen_candidates, trial_columns
+from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.gap.search.search import fit_base, refit
+from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
 from omnimj.parameters import read_floors
@@ -199,9 +200,9 @@ def linearize(
       folds: Masks of the folds, shape (blocks,) each.
     """
     channels = len(problem.replay.channels)
-    columns, labels = [base.jacobian], []
-    for found in screen_candidates(problem, base, list(problem.replay.candidates), used):
-        trial = trial_columns(problem, base, found.candidate, found.shape, found.step)
+    columns, labels, here = [base.jacobian], [], Sensitivities()
+    for found in screen_candidates(problem, base, list(problem.replay.candidates), used, here):
+        trial = here.trial(problem, base, found.candidate, found.shape, found.step)
         columns.append(trial.columns / found.step)
         labels += [found.candidate.label] * len(trial.steps)
     fold = np.full(len(used), -1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from omnimj.estimate.gap.search.candidates import exceeds_margin, fit_without, parameter_slice
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
-from omnimj.estimate.gap.search.screening import trial_shapes, trial_steps, vanished_point
+from omnimj.estimate.gap.search.sensitivities import trial_shapes, trial_steps, vanished_point
 from omnimj.estimate.least_squares import normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, huber_weights

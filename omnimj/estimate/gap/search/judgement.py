@@ -28,13 +28,9 @@ from omnimj.estimate.gap.search.candidates import (
     without_amplitudes,
 )
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, paired_t
-from omnimj.estimate.gap.search.screening import (
-    ScreenedCandidate,
-    curve_columns,
-    curve_gains,
-    screen_candidates,
-)
+from omnimj.estimate.gap.search.screening import ScreenedCandidate, curve_gains, screen_candidates
 from omnimj.estimate.gap.search.selection import MAX_FALSE_RATE, decoy_p_value, effective_share
+from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.estimate.threads import map_in_threads
@@ -102,7 +98,13 @@ class _Place:
     """Independent samples over all samples."""
 
 
-def judge_effects(problem: Problem, model: Fit, split: TrainingSplit, may_exchange: bool = True) -> Judgement:
+def judge_effects(
+    problem: Problem,
+    model: Fit,
+    split: TrainingSplit,
+    sensitivities: Sensitivities,
+    may_exchange: bool = True,
+) -> Judgement:
     """Exchange and eliminate effects until each one holds given the others.
 
     An effect is exchanged for an alternative that improves the whole model's held-out loss, one at a
@@ -113,12 +115,14 @@ def judge_effects(problem: Problem, model: Fit, split: TrainingSplit, may_exchan
       problem: The data and the scale.
       model: Fitted model with effects.
       split: Training blocks, groups and folds.
+      sensitivities: Those of a model near it.
       may_exchange: Whether an effect may be exchanged for an alternative; it is only judged otherwise.
     """
     given_up: list[GivenUp] = []
     named: list[SelectedEffect] = []
     for turn in range(_MOST_PASSES):
-        model, named, changed = _judge_all(problem, model, split, may_exchange and turn < _MOST_PASSES // 2)
+        may_still = may_exchange and turn < _MOST_PASSES // 2
+        model, named, changed = _judge_all(problem, model, split, sensitivities, may_still)
         if changed:
             continue
         worst = _least_supported(problem, model, named)
@@ -134,25 +138,31 @@ def judge_effects(problem: Problem, model: Fit, split: TrainingSplit, may_exchan
 
 
 def _judge_all(
-    problem: Problem, model: Fit, split: TrainingSplit, may_exchange: bool
+    problem: Problem, model: Fit, split: TrainingSplit, sensitivities: Sensitivities, may_exchange: bool
 ) -> tuple[Fit, list[SelectedEffect], bool]:
     """Judge every effect; the model, its effects, and True if one was exchanged, which ends the pass."""
-    named, curves = [], curve_columns(problem, model)
+    named = []
     for candidate in model.effects:
-        place = _fill_place(problem, model, candidate, split)
+        place = _fill_place(problem, model, candidate, split, sensitivities)
         better = _better_choice(place, candidate) if may_exchange else None
         if better is not None:
             return better.fit, [], True
-        named.append(_selected(place, curves))
+        named.append(_selected(place, sensitivities))
     return model, named, False
 
 
-def _fill_place(problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit) -> _Place:
+def _fill_place(
+    problem: Problem,
+    model: Fit,
+    candidate: CandidateEffect,
+    split: TrainingSplit,
+    sensitivities: Sensitivities,
+) -> _Place:
     """Fit the candidates that could stand in the place of one effect, itself included."""
     without = CurrentModel(problem, fit_without(problem, model, candidate, split, 1), split)
     taken = {c.label for c in without.fit.effects}
     free = [c for c in problem.replay.candidates if c.label not in taken]
-    screened = screen_candidates(problem, without.fit, free, split.used)
+    screened = screen_candidates(problem, without.fit, free, split.used, sensitivities)
     best = screened[0].share
     close = [s for s in screened if s.share >= _CLOSE * best and s.candidate.label != candidate.label]
     present = fitted_already(without, model, candidate, best)
@@ -206,11 +216,11 @@ def _is_degenerate(fitted: FittedCandidate) -> bool:
     return has_shape_at_bound(fitted.candidate, values) or bool(pinned_amplitudes(fitted.candidate, values))
 
 
-def _selected(place: _Place, curves: Array) -> SelectedEffect:
-    """The effect with its rivals, its gain and the random curves, by `curve_columns` of the whole model."""
+def _selected(place: _Place, sensitivities: Sensitivities) -> SelectedEffect:
+    """The effect with its rivals, its gain, and how many random curves gain as much."""
     own, (problem, split) = place.own, (place.without.problem, place.without.split)
     ordered = [own, *(t for t in place.tried if t is not own)]
-    decoys = curve_gains(problem, place.without.fit, split, curves).decoys
+    decoys = curve_gains(problem, place.without.fit, split, sensitivities).decoys
     rivals = ambiguity_set(problem, ordered, place.share, split)
     without = training_rms(problem, place.without.fit, split)
     return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain), without)

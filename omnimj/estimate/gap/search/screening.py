@@ -15,16 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.gap.search.cross_validation import Groups, TrainingSplit
+from omnimj.estimate.gap.search.sensitivities import (
+    TRIAL_STEP,
+    Sensitivities,
+    TrialColumns,
+    trial_shapes,
+    trial_steps,
+)
 from omnimj.estimate.least_squares import bounded_step, normal_equations, weighted_gram
 from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.estimate.threads import map_in_threads
 from omnimj.signals import Array
 
-TRIAL_STEP = 0.25
-"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative."""
-_THRESHOLDS = (1.0, 2.0, 2.75)
-"""Trial steps of an effect with a threshold: a limit that is seldom reached tells nothing of a lower one."""
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 
@@ -47,93 +50,12 @@ class ScreenedCandidate:
         return {k: own[k] for k, s in enumerate(self.candidate.parameters) if s.null_value is None}
 
 
-def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
-    """All combinations of the trial values of the shape parameters, as index → value."""
-    places = [k for k, s in enumerate(candidate.parameters) if s.null_value is None]
-    values = [candidate.parameters[k].trials or (candidate.parameters[k].typical,) for k in places]
-    shapes = [dict(zip(places, combination, strict=True)) for combination in itertools.product(*values)]
-    names = [s.name for s in candidate.parameters]
-    if "start" in names and "end" in names:
-        begin, end = names.index("start"), names.index("end")
-        shapes = [s for s in shapes if s[begin] < s[end]]
-    return shapes
-
-
-def trial_steps(candidate: CandidateEffect) -> list[float]:
-    """Trial steps of an effect as shares of its typical size, the first of them in any case."""
-    if not candidate.has_threshold:
-        return [TRIAL_STEP]
-
-    def is_inside(share: float) -> bool:
-        for s in candidate.parameters:
-            null = s.null_value
-            if null is not None and not s.low <= null + share * (s.typical - null) <= s.high:
-                return False
-        return True
-
-    return [share for share in _THRESHOLDS if share == _THRESHOLDS[0] or is_inside(share)]
-
-
-def vanished_point(
-    candidate: CandidateEffect, shape: dict[int, float], share: float
-) -> tuple[Array, list[tuple[int, float]]]:
-    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these.
-
-    Args:
-      candidate: The effect.
-      shape: Its shape parameters, as index → value.
-      share: One of `trial_steps`.
-    """
-    at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
-    steps = []
-    for k, s in enumerate(candidate.parameters):
-        if s.null_value is None:
-            continue
-        step = share * (s.typical - s.null_value)
-        if not s.low <= s.null_value + step <= s.high:
-            step = -step
-        steps.append((k, step))
-    return at, steps
-
-
-@dataclass(frozen=True)
-class TrialColumns:
-    """Effect in one shape, switched on a little."""
-
-    candidate: CandidateEffect
-    at: Array
-    """Its parameters with vanishing amplitudes, shape (own,)."""
-    steps: list[tuple[int, float]]
-    """Trial steps (index, change) from there."""
-    columns: Array
-    """Change of the whitened mismatch with each step, shape (rows, steps)."""
-
-
-def trial_columns(
-    problem: Problem, current: Fit, candidate: CandidateEffect, shape: dict[int, float], share: float
-) -> TrialColumns:
-    """Sensitivities of the mismatch to one more effect in one shape, by a simulation for each trial step.
-
-    Args:
-      problem: The data.
-      current: The model so far, fitted.
-      candidate: The effect.
-      shape: Its shape parameters, as index → value.
-      share: One of `trial_steps`.
-    """
-    at, steps = vanished_point(candidate, shape, share)
-    points = []
-    for k, step in steps:
-        own = at.copy()
-        own[k] += step
-        points.append(np.concatenate([current.x, own]))
-    residuals = problem.residuals(points, (*current.effects, candidate))
-    columns = np.stack([(r - current.residual).ravel() for r in residuals], axis=1)
-    return TrialColumns(candidate, at, steps, columns)
-
-
 def screen_candidates(
-    problem: Problem, current: Fit, candidates: Sequence[CandidateEffect], used: NDArray[np.bool_]
+    problem: Problem,
+    current: Fit,
+    candidates: Sequence[CandidateEffect],
+    used: NDArray[np.bool_],
+    sensitivities: Sensitivities | None = None,
 ) -> list[ScreenedCandidate]:
     """Screen every candidate in each of its shapes; best shape only, sorted by share.
 
@@ -142,7 +64,9 @@ def screen_candidates(
       current: The model so far, fitted.
       candidates: Candidates to add.
       used: Blocks that count, shape (blocks,).
+      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
+    near = Sensitivities() if sensitivities is None else sensitivities
     weight = huber_weights(problem, current.residual, used)
     known = np.column_stack([current.jacobian, current.residual.ravel()]) * weight[:, None]
     sums = normal_equations(current.jacobian, current.residual, weight)
@@ -150,7 +74,7 @@ def screen_candidates(
     def screened(candidate: CandidateEffect) -> ScreenedCandidate:
         options = []
         for shape, step in itertools.product(trial_shapes(candidate), trial_steps(candidate)):
-            trial = trial_columns(problem, current, candidate, shape, step)
+            trial = near.trial(problem, current, candidate, shape, step)
             both = _with_columns(sums, known, trial.columns * weight[:, None])
             options.append((*bounded_share(problem, current, [trial], both), step))
         return ScreenedCandidate(candidate, *max(options, key=lambda option: option[0]))
@@ -205,26 +129,7 @@ def bounded_share(
     return share, np.concatenate(start)
 
 
-def curve_columns(problem: Problem, current: Fit) -> Array:
-    """Change of the whitened mismatch by a force of typical size at each knot of every free curve.
-
-    Args:
-      problem: The data.
-      current: Fitted model to which the forces are added.
-
-    Returns:
-      Shape (rows, variables × `KNOTS`).
-    """
-    curves: list[tuple[str, Array] | None] = [
-        (name, 0.1 * force * row) for name, force in problem.replay.curves.items() for row in np.eye(KNOTS)
-    ]
-    if not curves:
-        return np.empty((current.residual.size, 0))
-    moved = problem.residuals([current.x] * len(curves), current.effects, curves)
-    return 10.0 * np.stack([(r - current.residual).ravel() for r in moved], axis=1)
-
-
-def _sensitivities(
+def _weighted_columns(
     problem: Problem, current: Fit, curves: Array, used: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Weighted sensitivities to the model's parameters and to free forces over the plant's variables.
@@ -275,7 +180,7 @@ class CurveGains:
 
 
 def curve_gains(
-    problem: Problem, current: Fit, split: TrainingSplit, curves: Array | None = None
+    problem: Problem, current: Fit, split: TrainingSplit, sensitivities: Sensitivities | None = None
 ) -> CurveGains:
     """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones beyond a model.
 
@@ -283,10 +188,10 @@ def curve_gains(
       problem: The data.
       current: The model, fitted.
       split: Training blocks, groups and folds.
-      curves: `curve_columns` of a model near it; computed for the model itself when None.
+      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
-    curves = curve_columns(problem, current) if curves is None else curves
-    columns, prior = _sensitivities(problem, current, curves, split.used)
+    near = Sensitivities() if sensitivities is None else sensitivities
+    columns, prior = _weighted_columns(problem, current, near.curves(problem, current), split.used)
     variables, n = tuple(problem.replay.curves), len(prior)
     outs = [np.unique(split.groups.of_block[out]) for out in split.folds]
     sums = _group_sums(columns, split.groups, len(problem.replay.channels))

@@ -28,6 +28,7 @@ from omnimj.estimate.gap.search.elimination import eliminate
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
 from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
+from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
 from omnimj.estimate.gap.search.uncertainty import parameter_reach, undetermined
@@ -213,6 +214,7 @@ class _Growing:
         self.outcomes: list[str] = []
         self.ended = ""
         self.reach: Array | None = None
+        self._near = Sensitivities()  # of the last round's model
         self._split, self._report, self._most = split, report, problem.replay.most_effects
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
@@ -236,7 +238,7 @@ class _Growing:
         while (start := self.state).named:
             self._report("judging the intervals", 0.9)
             final = with_totals(start.problem, start.final)
-            self.reach = parameter_reach(start.problem, final, used)
+            self.reach = parameter_reach(start.problem, final, used, self._near)
             open_ones = undetermined(start.problem, final, self.reach)
             doubtful = [n for n in start.named if n.candidate.label in open_ones and not n.rivals]
             if not doubtful:
@@ -244,7 +246,7 @@ class _Growing:
             worst = min(doubtful, key=lambda n: n.gain.value)
             label = worst.candidate.label
             reduced = fit_without(start.problem, start.final, worst.candidate, self._split, 2)
-            judged = judge_effects(start.problem, reduced, self._split, may_exchange=False)
+            judged = judge_effects(start.problem, reduced, self._split, self._near, may_exchange=False)
             given_up = [GivenUp(label, worst.gain, "its 90 % interval includes nothing"), *judged.given_up]
             self._given_up |= {one.label: one for one in given_up}
             self.state, self.reach = judged, None
@@ -258,7 +260,7 @@ class _Growing:
         found = eliminate(start.problem, start.final, self._split, self._most)
         problem, current = refit(start.problem, found, used)
         self._report("judging each effect given the others", 0.9)
-        judged = judge_effects(problem, current, self._split, may_exchange=False)
+        judged = judge_effects(problem, current, self._split, Sensitivities(), may_exchange=False)
         self._given_up |= {one.label: one for one in judged.given_up}
         self.state = judged
         names = ", ".join(c.label for c in judged.final.effects)
@@ -311,7 +313,8 @@ class _Growing:
         left = [c for c in state.problem.replay.candidates if c.label not in taken]
         if self._leaves_noise():
             left = [c for c in left if c.is_sensor]
-        self.rounds.append(select_round(state.problem, state.final, left, self._split, self._report))
+        near = self._near = Sensitivities()
+        self.rounds.append(select_round(state.problem, state.final, left, self._split, near, self._report))
         return self.rounds[-1]
 
     def _additions(self, found: SelectionRound) -> Iterator[tuple[Interval, Fit]]:
@@ -335,7 +338,8 @@ class _Growing:
         if room < 2 or self._mismatch() <= NOISE_LEVEL:
             return []
         self._report("trying pairs and triples of effects", 1.0)
-        best = best_subset(self.state.problem, self.state.final, found.screened, self._split, room)
+        problem, final = self.state.problem, self.state.final
+        best = best_subset(problem, final, found.screened, self._split, self._near, room)
         return [best] if best is not None and exceeds_margin(best[0]) else []
 
     def _unseen(self, options: Sequence[tuple[Interval, Fit]]) -> Iterator[tuple[Interval, Fit]]:
@@ -351,7 +355,7 @@ class _Growing:
         problem, current = refit(self.state.problem, addition, used)
         self.state = self._provisional(problem, current)
         self._report("judging each effect given the others", 0.9)
-        judged = judge_effects(problem, current, self._split)
+        judged = judge_effects(problem, current, self._split, self._near)
         if judged.final.effects != current.effects:
             problem, final = refit(problem, judged.final, used)
             judged = replace(judged, problem=problem, final=final)

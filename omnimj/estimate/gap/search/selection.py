@@ -19,6 +19,7 @@ from omnimj.estimate.gap.search.candidates import (
 )
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit
 from omnimj.estimate.gap.search.screening import CurveGains, ScreenedCandidate, curve_gains, screen_candidates
+from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.intervals import effective_samples
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem
@@ -105,11 +106,12 @@ def select_round(
     current: Fit,
     candidates: Sequence[CandidateEffect],
     split: TrainingSplit,
+    sensitivities: Sensitivities,
     report: Progress,
 ) -> SelectionRound:
     """Screen, fit, cross-validate and rank candidates."""
     model = CurrentModel(problem, current, split)
-    screened = screen_candidates(problem, current, candidates, split.used)
+    screened = screen_candidates(problem, current, candidates, split.used, sensitivities)
     go = shortlist(screened)
 
     def fitted(k: int) -> FittedCandidate:
@@ -122,4 +124,4 @@ def select_round(
     leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
     share = effective_share(problem, leader.fit if leader else current, split)
     tried.sort(key=lambda t: information_score(t, share))
-    return SelectionRound(tuple(tried), tuple(screened), curve_gains(problem, current, split))
+    return SelectionRound(tuple(tried), tuple(screened), curve_gains(problem, current, split, sensitivities))

@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 
 from omnimj.effects import Interval
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
-from omnimj.estimate.gap.search.screening import (
-    ScreenedCandidate,
-    TrialColumns,
-    bounded_share,
-    trial_columns,
-)
+from omnimj.estimate.gap.search.screening import ScreenedCandidate, bounded_share
+from omnimj.estimate.gap.search.sensitivities import Sensitivities, TrialColumns
 from omnimj.estimate.least_squares import normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
@@ -43,7 +39,12 @@ Combination = tuple[tuple[TrialColumns, slice], ...]
 
 
 def best_subset(
-    problem: Problem, current: Fit, screened: Sequence[ScreenedCandidate], split: TrainingSplit, room: int
+    problem: Problem,
+    current: Fit,
+    screened: Sequence[ScreenedCandidate],
+    split: TrainingSplit,
+    sensitivities: Sensitivities,
+    room: int,
 ) -> tuple[Interval, Fit] | None:
     """Gain and fit of the pair or triple with the smallest held-out loss; None without two candidates.
 
@@ -52,7 +53,7 @@ def best_subset(
     """
     before = group_losses(problem, current, split)
     fitted = []
-    for one in _promising_subsets(problem, current, screened, split.used):
+    for one in _promising_subsets(problem, current, screened, split.used, sensitivities):
         if len(one.candidates) <= room:
             effects = (*current.effects, *one.candidates)
             found = fit(problem, effects, one.start, split.used, 2, current.jacobian)
@@ -64,12 +65,16 @@ def best_subset(
 
 
 def _promising_subsets(
-    problem: Problem, current: Fit, screened: Sequence[ScreenedCandidate], used: NDArray[np.bool_]
+    problem: Problem,
+    current: Fit,
+    screened: Sequence[ScreenedCandidate],
+    used: NDArray[np.bool_],
+    sensitivities: Sensitivities,
 ) -> list[_Subset]:
     """Pairs, and the triples that leave clearly less than every pair."""
     trials, ends = [], [len(current.x)]
     for one in screened[:_MOST_CANDIDATES]:
-        trials.append(trial_columns(problem, current, one.candidate, one.shape, one.step))
+        trials.append(sensitivities.trial(problem, current, one.candidate, one.shape, one.step))
         ends.append(ends[-1] + len(trials[-1].steps))
     columns = np.hstack([current.jacobian, *(one.columns for one in trials)])
     sums = normal_equations(columns, current.residual, huber_weights(problem, current.residual, used))

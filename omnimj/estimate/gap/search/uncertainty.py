@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.screening import screen_candidates
+from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.gap.search.totals import is_held
 from omnimj.estimate.intervals import effective_samples, jackknife_deviations
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.signals import Array
 
 
-def parameter_reach(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Array:
+def parameter_reach(
+    problem: Problem, fitted: Fit, used: NDArray[np.bool_], sensitivities: Sensitivities | None = None
+) -> Array:
     """Half width of the 90 % interval of every parameter, shape (parameters,).
 
     t √(V + S): V is the variance by leaving out conditions, S that by the choice of the model, and t that of
@@ -25,12 +28,13 @@ def parameter_reach(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> A
       problem: The data and the scale.
       fitted: The fitted model, with totals.
       used: Blocks that it was fitted to, shape (blocks,).
+      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
     jacobian = problem.central_jacobian(fitted.x, fitted.effects)
     jacobian[:, is_held(problem, fitted)] = 0.0
     exact = replace(fitted, jacobian=jacobian)
     spread, factor = jackknife_deviations(problem, exact, used)
-    return factor * np.hypot(spread, model_deviations(problem, exact, used))
+    return factor * np.hypot(spread, model_deviations(problem, exact, used, sensitivities))
 
 
 def undetermined(problem: Problem, fitted: Fit, reach: Array) -> frozenset[str]:
@@ -54,7 +58,9 @@ def undetermined(problem: Problem, fitted: Fit, reach: Array) -> frozenset[str]:
     return frozenset(found)
 
 
-def model_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Array:
+def model_deviations(
+    problem: Problem, fitted: Fit, used: NDArray[np.bool_], sensitivities: Sensitivities | None = None
+) -> Array:
     """Standard deviation of every parameter by effects that may be missing, shape (parameters,).
 
     S = Σ_k w_k δ_k², where δ_k is the change of the parameters to first order when effect k of the library
@@ -68,11 +74,12 @@ def model_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> 
       problem: The data and the scale.
       fitted: The fitted model; parameters whose column of the Jacobian is 0 stay as they are.
       used: Blocks that it was fitted to, shape (blocks,).
+      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
     taken = fitted.labels
     left = [c for c in problem.replay.candidates if c.label not in taken]
     samples = effective_samples(problem.replay, fitted.residual * used[:, None])
-    screened = screen_candidates(problem, fitted, left, used)
+    screened = screen_candidates(problem, fitted, left, used, sensitivities)
     if not screened:
         return np.zeros(len(fitted.x))
     free = np.array([sum(p.high > p.low for p in one.candidate.parameters) for one in screened])
