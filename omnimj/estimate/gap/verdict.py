@@ -1,8 +1,9 @@
 """Verdict on a search with its reason, and the experiment that would separate rivals.
 
 `named` and `ambiguous` need effects that explain most of what can be explained at all; otherwise the gap is
-`unexplained`, and a free curve shows how much there is to explain. `no_gap`: the mismatch is at noise level,
-or within the noise in every channel and no effect gains `CLEAR_WITHIN_NOISE` of it.
+`unexplained`, and a free curve shows how much there is to explain. `no_gap`: the mismatch is at noise level
+and no effect explains most of it, or it is within the noise in every channel and no effect gains
+`CLEAR_WITHIN_NOISE` of it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ CLEAR_WITHIN_NOISE = 0.2
 it contains the largest expected error of the equations. On machines without such an effect gains within the
 noise reach 0.09, springs between motor and link 0.1 to 0.43."""
 COMPLETE = 2.0
-"""Held-out mismatch in units of noise above which something else is missing beside the named effects."""
+"""Held-out mismatch in units of noise above which something is missing, beside named effects or in a
+channel."""
 _MIN_SEPARATION = 1.0  # RMS distance in units of noise above which a run separates two models
 
 
@@ -74,12 +76,14 @@ class _Achieved:
 def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
     is_faint = all(one.gain.value < CLEAR_WITHIN_NOISE for one in found.named)
-    if not found.named or (is_faint and is_within_noise(found)):
+    if not found.named or (is_faint and largest_channel(found) <= 1.0):
         return _nothing_named(found)
     achieved, flexible = _measure_achieved(found)
     refusal = _refusal(achieved)
+    if refusal is not None and achieved.was <= NOISE_LEVEL and largest_channel(found) <= COMPLETE:
+        return Verdict("no_gap", _format_noise(achieved.was), None, flexible, achieved.was)
     if refusal is not None:
-        return Verdict(*refusal, achieved.explained, flexible, achieved.was)
+        return Verdict("unexplained", refusal, achieved.explained, flexible, achieved.was)
     words = f"{_format_explained(achieved)}; {achieved.rest:.2g} × the noise remains"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
     return Verdict(kind, words, achieved.explained, flexible, achieved.rest)
@@ -88,7 +92,7 @@ def judge_search(found: SearchResult) -> Verdict:
 def _nothing_named(found: SearchResult) -> Verdict:
     size, flexible = _heldout_rms(found, found.base.residual), found.curves.flexible if found.curves else {}
     if size <= NOISE_LEVEL:
-        reason = f"after refitting the uncertain parameters the mismatch is {size:.2g} × its noise"
+        reason = _format_noise(size)
         if found.named:
             gains = (f"{one.candidate.label} gains {100.0 * one.gain.value:.2g} %" for one in found.named)
             reason = f"{reason}, in no channel above it; within it {', '.join(gains)}, too little to be named"
@@ -117,27 +121,26 @@ def _format_explained(achieved: _Achieved) -> str:
     return f"the named effects remove {share:.0f} % of the explainable squared mismatch"
 
 
-def _refusal(achieved: _Achieved) -> tuple[str, str] | None:
-    """Verdict and reason if the effects must not be named; None if they may be."""
+def _format_noise(size: float) -> str:
+    return f"after refitting the uncertain parameters the mismatch is {size:.2g} × its noise"
+
+
+def _refusal(achieved: _Achieved) -> str | None:
+    """Reason if the effects must not be named; None if they may be."""
     rest, was = achieved.rest, achieved.was
     if achieved.explained < MIN_EXPLAINED:
-        return (
-            "unexplained",
-            f"{_format_explained(achieved)}, a free curve removes more: the effect is not in the library",
-        )
+        return f"{_format_explained(achieved)}, a free curve removes more: the effect is not in the library"
     if rest >= (1.0 - MIN_HELD_OUT_GAIN) * was:
-        if was <= NOISE_LEVEL:
-            return "no_gap", f"the mismatch is {was:.2g} × its noise"
-        return "unexplained", "the gain on the training runs does not carry over to the held-out runs"
+        return "the gain on the training runs does not carry over to the held-out runs"
     if rest > NOISE_LEVEL and achieved.above < MIN_REDUCTION:
         share = f"the best effects remove {100.0 * achieved.above:.0f} % of the mismatch above the noise"
-        return "unexplained", f"{share}, {rest:.2g} × the noise remains"
+        return f"{share}, {rest:.2g} × the noise remains"
     if rest > MAX_RESIDUAL and achieved.stretched > MAX_SHARE_AT_BOUNDS:
         left = (
             f"{_format_explained(achieved)}, but {rest:.2g} × the noise remains and most "
             f"uncertain parameters end"
         )
-        return "unexplained", f"{left} at their bounds: the effects substitute for another one"
+        return f"{left} at their bounds: the effects substitute for another one"
     return None
 
 
@@ -159,11 +162,12 @@ def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
     return float(np.sqrt((out[valid] ** 2).mean())) if valid.any() else 0.0
 
 
-def is_within_noise(found: SearchResult) -> bool:
-    """True if no channel's held-out mismatch exceeds its noise before any effect."""
+def largest_channel(found: SearchResult) -> float:
+    """Held-out mismatch before any effect, RMS in units of noise, of the channel where it is largest."""
     valid = np.isfinite(found.problem.replay.measured) & ~found.used[:, None]
     channels = zip(found.base.residual.T, valid.T, strict=True)
-    return all(np.mean(one[rows] ** 2) <= 1.0 for one, rows in channels if rows.any())
+    sizes = [float(np.sqrt(np.mean(one[rows] ** 2))) for one, rows in channels if rows.any()]
+    return max(sizes, default=0.0)
 
 
 def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit]]) -> dict[str, Any] | None:

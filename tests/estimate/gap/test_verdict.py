@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.gap import verdict as judging
 from omnimj.estimate.gap.plants import PLANTS, find_plant, read_machine
-from omnimj.estimate.gap.verdict import is_within_noise, judge_search, next_experiment, share_at_bounds
+from omnimj.estimate.gap.verdict import judge_search, largest_channel, next_experiment, share_at_bounds
 from omnimj.estimate.replay.interface import BaseParameter, Experiment
 from omnimj.estimate.replay.problem import Fit, Problem
 
@@ -85,13 +86,26 @@ def test_a_parameter_that_ends_at_zero_is_absent_and_any_other_bound_counts():
 
 def test_a_mismatch_within_the_noise_of_every_channel_is_no_gap():
     quiet = np.array([[9.0, 9.0], [9.0, 9.0], [0.9, -0.2], [-0.9, 0.2]])
-    assert is_within_noise(search_result([], [], quiet))
+    assert largest_channel(search_result([], [], quiet)) == pytest.approx(0.9)
     loud = quiet * [1.0, 6.0]  # the mean over both channels is still within the noise
-    assert np.mean(loud[2:] ** 2) < 1.2 and not is_within_noise(search_result([], [], loud))
+    assert np.mean(loud[2:] ** 2) < 1.2 and largest_channel(search_result([], [], loud)) > 1.0
     masked = search_result([], [], loud)
     masked.problem.replay.measured[:, 1] = np.nan
-    assert is_within_noise(masked)
+    assert largest_channel(masked) <= 1.0
     faint = SimpleNamespace(gain=SimpleNamespace(value=0.1), candidate=SimpleNamespace(label="spring"))
     masked.named, masked.curves = (faint,), None
     verdict = judge_search(masked)
     assert verdict.kind == "no_gap" and "spring gains 10 %" in verdict.reason
+
+
+@pytest.mark.parametrize(
+    ("was", "loudest", "kind"), [(1.1, 1.6, "no_gap"), (1.1, 2.5, "unexplained"), (1.6, 1.6, "unexplained")]
+)
+def test_what_effects_explain_too_little_of_is_no_gap_at_the_level_of_noise(monkeypatch, was, loudest, kind):
+    achieved = judging._Achieved(explained=0.5, above=0.5, was=was, rest=1.0, stretched=0.0)
+    monkeypatch.setattr(judging, "_measure_achieved", lambda found: (achieved, {"speed": 0.3}))
+    monkeypatch.setattr(judging, "largest_channel", lambda found: loudest)
+    found = cast(Any, SimpleNamespace(named=(SimpleNamespace(gain=SimpleNamespace(value=0.05)),)))
+    verdict = judge_search(found)
+    assert verdict.kind == kind and verdict.remains == was
+    assert (f"{was:.2g} × its noise" in verdict.reason) == (kind == "no_gap")

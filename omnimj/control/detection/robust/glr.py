@@ -89,6 +89,17 @@ class _Residuals(NamedTuple):
     """rᵀ r, shape (windows,)."""
 
 
+class _Jumps(NamedTuple):
+    """Jump of every hypothesis at every window, its misfit aside, shape (windows, 2n+2) each."""
+
+    likelihood: Array
+    """Λ of white noise [nats]; 0 where a window shows nothing."""
+    size: Array
+    """d̂ [1, 1, m/s²]."""
+    information: Array
+    """N, the inverse of the variance of d̂."""
+
+
 def initial_history(columns: int) -> BlockHistory:
     """Empty history for θ of length p."""
     p, sums = columns, len(WINDOWS) + 1
@@ -217,12 +228,16 @@ def likelihood_ratios(history, theta, precision, model, scores):
     chol = np.linalg.cholesky(whole)
     solve_lower(chol, left.pull[_WHOLE], solved)
     whitened = _whiten_columns(gram, chol, windows, count)
+    shape = windows, count
+    jumps = _Jumps(np.zeros(shape), np.empty(shape), np.empty(shape))
     for w in range(windows):
         if history.cursor[FILLED] >= _LENGTHS[w]:
             columns = whitened[:, w * count : (w + 1) * count]
-            _score_window(gram[w], left, w, chol, solved, columns, model, scores)
+            _estimate_jumps(gram[w], left.pull[w], solved, columns, model, w, jumps)
         else:
             left.squares[w] = 0.0
+    for h in range(count):
+        _choose_window(gram, left, chol, solved, whitened, jumps, h, scores)
     return left.squares / (3.0 * _LENGTHS)
 
 
@@ -273,51 +288,94 @@ def _whiten_columns(gram, chol, windows, count):
 
 
 @kernel
-def _score_window(gram, left, window, chol, solved, whitened, model, scores):
-    """Score every hypothesis at one window; keeps the better of it and of shorter windows.
+def _estimate_jumps(gram, pulled, solved, whitened, model, window, jumps):
+    """Estimate every hypothesis at one window.
 
     Args:
       gram: XᵀX of the window below its diagonal, shape (p, p).
-      left: `_Residuals`.
-      window: Index of the window.
-      chol: Factor L of P⁻¹ + XᵀX of the whole second, shape (p, p).
+      pulled: Xᵀ r of the window, shape (p,).
       solved: L⁻¹ Xᵀ r of the whole second, shape (p,).
-      whitened: From `_whiten_columns`, shape (p, 2n+2).
+      whitened: From `_whiten_columns` for this window, shape (p, 2n+2).
       model: `ParameterModel`.
-      scores: `JumpScores`, changed in place.
+      window: Index of the window.
+      jumps: `_Jumps`, whose row of this window is filled.
     """
-    pulled, p, length = left.pull[window], solved.size, float(_LENGTHS[window])
-    shift, beside = np.empty(p), np.empty(p)
-    score, column = pulled[: scores.size.size].copy(), np.empty(scores.size.size)
-    for h in range(column.size):
+    count = whitened.shape[1]
+    score, column = pulled[:count].copy(), np.empty(count)
+    for h in range(count):
         column[h] = gram[h, h]
-    for j in range(p):  # by rows, which are contiguous
+    for j in range(solved.size):  # by rows, which are contiguous
         row, factor = whitened[j], solved[j]
-        for h in range(column.size):
+        for h in range(count):
             score[h] -= row[h] * factor
             column[h] -= row[h] * row[h]
-    for h in range(column.size):
-        if column[h] <= 1e-6:
-            continue
-        size = min(max(score[h] / column[h], model.smallest[h]), model.largest[h])
-        likelihood = 0.5 * size * (2.0 * score[h] - size * column[h])
+    for h in range(count):
+        if column[h] > 1e-6:
+            size = min(max(score[h] / column[h], model.smallest[h]), model.largest[h])
+            jumps.likelihood[window, h] = 0.5 * size * (2.0 * score[h] - size * column[h])
+            jumps.size[window, h], jumps.information[window, h] = size, column[h]
+
+
+@kernel
+def _choose_window(gram, left, chol, solved, whitened, jumps, h, scores):
+    """Fill the scores of one hypothesis with its best window.
+
+    Dividing by the misfit only lowers Λ, so that windows come in the order of Λ before it, and few need it.
+
+    Args:
+      gram: XᵀX below the diagonal of each window, shape (windows or more, p, p).
+      left: `_Residuals`.
+      chol: Factor L of P⁻¹ + XᵀX of the whole second, shape (p, p).
+      solved: L⁻¹ Xᵀ r of the whole second, shape (p,).
+      whitened: From `_whiten_columns`, shape (p, windows × (2n+2)).
+      jumps: `_Jumps`; Λ of the windows that were considered are set to 0.
+      h: Index of the hypothesis.
+      scores: `JumpScores`, changed in place.
+    """
+    likelihoods, shift = jumps.likelihood[:, h], np.empty(solved.size)
+    while True:
+        w = 0
+        for k in range(1, likelihoods.size):
+            if likelihoods[k] > likelihoods[w]:
+                w = k
+        likelihood = likelihoods[w]
         if likelihood <= scores.likelihood[h]:
-            continue
-        for j in range(p):
-            shift[j] = solved[j] - size * whitened[j, h]
+            return
+        likelihoods[w] = 0.0
+        size, length = jumps.size[w, h], float(_LENGTHS[w])
+        column = whitened[:, w * scores.size.size + h]
+        for j in range(shift.size):
+            shift[j] = solved[j] - size * column[j]
         solve_lower_transposed(chol, shift)
-        squares = left.squares[window] - size * (2.0 * pulled[h] - size * gram[h, h])
-        for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows
-            row, value = gram[j], shift[j]
-            beside[j] = 2.0 * (size * (gram[h, j] if j <= h else row[h]) - pulled[j]) + row[j] * value
-            for q in range(j):
-                beside[q] += 2.0 * row[q] * value
-        for j in range(p):
-            squares += shift[j] * beside[j]
+        squares = _misfit(gram[w], left.pull[w], left.squares[w], shift, h, size)
         likelihood /= max(1.0, squares / (3.0 * length))
         if likelihood > scores.likelihood[h]:
             scores.likelihood[h], scores.size[h] = likelihood, size
-            scores.deviation[h], scores.window[h] = column[h] ** -0.5, length
+            scores.deviation[h], scores.window[h] = jumps.information[w, h] ** -0.5, length
+
+
+@kernel
+def _misfit(gram, pulled, squares, shift, h, size):
+    """Squares that a jump and the parameters that follow it leave in a window.
+
+    Args:
+      gram: XᵀX of the window below its diagonal, shape (p, p).
+      pulled: Xᵀ r of the window, shape (p,).
+      squares: rᵀ r of the window.
+      shift: Change s of θ, shape (p,).
+      h: Index of the hypothesis.
+      size: Jump d̂.
+    """
+    p, beside = shift.size, np.empty(shift.size)
+    left, across = squares - size * (2.0 * pulled[h] - size * gram[h, h]), gram[h]
+    for j in range(p):  # 2 (Xᵀ (x_h d̂ − r) + ½ Xᵀ X s), summed by rows
+        row, value = gram[j], shift[j]
+        beside[j] = 2.0 * (size * (across[j] if j <= h else row[h]) - pulled[j]) + row[j] * value
+        for q in range(j):
+            beside[q] += 2.0 * row[q] * value
+    for j in range(p):
+        left += shift[j] * beside[j]
+    return left
 
 
 @kernel
