@@ -83,9 +83,9 @@ class TrialColumns:
 
 
 class Sensitivities:
-    """Sensitivities that are simulated at a model when they are first needed, and kept for models near it.
+    """Sensitivities, simulated when they are first needed and then kept for models near that one.
 
-    To first order those of a round serve the judgement of what the round adds, too.
+    To first order the sensitivities of a round also serve the judgement of what the round adds.
     """
 
     def __init__(self) -> None:
