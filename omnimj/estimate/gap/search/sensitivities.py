@@ -83,7 +83,7 @@ class TrialColumns:
 
 
 class Sensitivities:
-    """Sensitivities, simulated when they are first needed and then kept for models near that one.
+    """Sensitivities, simulated at the first model that needs them and then kept for models near it.
 
     To first order the sensitivities of a round also serve the judgement of what the round adds.
     """
