@@ -151,11 +151,11 @@ class Sensitivities:
         """Change of the mismatch from a model to each point, shape (blocks, channels) each."""
         if not points:
             return []
-        if self._here is None or self._here[0] is not current:
+        known = self._here  # read once: other threads may simulate as well
+        if known is None or known[0] is not current:
             (here,) = problem.mismatches([current.x], current.effects)
-            self._here = current, here
-        _, here = self._here
-        return [moved - here for moved in problem.mismatches(points, (*current.effects, *more), curves)]
+            known = self._here = current, here
+        return [moved - known[1] for moved in problem.mismatches(points, (*current.effects, *more), curves)]
 
 
 def _columns(problem: Problem, changes: Sequence[Array]) -> Array:
