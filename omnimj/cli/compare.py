@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import Command, command_line, has_out, require_writable
-from omnimj.cli.terminal import format_json, format_table
+from omnimj.cli.terminal import format_json, format_table, print_result
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,10 +52,7 @@ def _compare(arguments: Any) -> int:
     found = {name: read_run_folder(path) for name, path in zip(names, arguments.runs, strict=True)}
     comparison = compare_runs({name: one.metrics for name, one in found.items()})
     traces = {name: one.trace() for name, one in found.items()} if arguments.out is not None else {}
-    if arguments.json:
-        print(format_json(_content(comparison)))
-    else:
-        print(_format(comparison), flush=True)
+    print_result(format_json(_content(comparison)) if arguments.json else _format(comparison))
     if arguments.out is not None:
         runs = {name: (one.metrics, traces[name]) for name, one in found.items()}
         _write(arguments, lambda page: write_comparison(page, runs, command_line(arguments)))
@@ -102,10 +99,10 @@ def _list_runs(arguments: Any) -> int:
     runs = find_run_folders(folder)
     names = [one.path.relative_to(folder).as_posix() for one in runs]
     if arguments.json:
-        print(format_json({name: _row(one) for name, one in zip(names, runs, strict=True)}))
+        print_result(format_json({name: _row(one) for name, one in zip(names, runs, strict=True)}))
     else:
         rows = [(name, *index_texts(one.metrics)) for name, one in zip(names, runs, strict=True)]
-        print(format_table(("run", *INDEX_HEAD), rows), flush=True)
+        print_result(format_table(("run", *INDEX_HEAD), rows))
     if arguments.out is not None:
         _write(arguments, lambda page: write_index(page, folder, runs))
     return 0

@@ -26,6 +26,7 @@ from omnimj.cli.terminal import (
     format_json,
     format_study,
     format_table,
+    print_result,
     print_study,
 )
 from omnimj.errors import InputError, SimulationError
@@ -151,7 +152,7 @@ def _write_and_print(arguments: Any, finding: Finding) -> int:
     content = gap_content(finding, texts, command_line(arguments))
     failed = finding.failure and finding.failure != _BY_CTRL_C
     if refused is None and not failed:
-        print(format_json(content) if arguments.json else format_finding(finding), flush=True)
+        print_result(format_json(content) if arguments.json else format_finding(finding))
     write_outputs(arguments.out, arguments.force, finding, arguments.model, content, texts)
     if refused is not None:
         raise refused

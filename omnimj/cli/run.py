@@ -30,7 +30,7 @@ from omnimj.cli.arguments import (
     read_wire,
 )
 from omnimj.cli.progress import progress_bar
-from omnimj.cli.terminal import announce_compilation, format_json, note_compiled
+from omnimj.cli.terminal import announce_compilation, format_json, note_compiled, print_result
 from omnimj.errors import InputError, SimulationError
 from omnimj.recording.folder import atomic_file
 from omnimj.resources import models_folder
@@ -158,7 +158,7 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
         from omnimj.cli.run_summary import format_run
 
         text = json.dumps(finished.metrics, indent=2) if arguments.json else format_run(finished)
-        print(text, flush=True)
+        print_result(text)
     if arguments.out is not None:
         # the folder already holds the frames of the link
         with progress_bar(arguments) as bar:

@@ -64,6 +64,15 @@ def drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def print_result(text: str) -> None:
+    """Print a result whose files are still to be written, so that a full disk does not cost it.
+
+    Nor does a reader that closes the pipe, such as `head`.
+    """
+    with contextlib.suppress(BrokenPipeError):
+        print(text, flush=True)
+
+
 _ENDING = ("SIGTERM", "SIGHUP", "SIGBREAK")
 
 

@@ -25,7 +25,7 @@ from omnimj.cli.arguments import (
     whole_number,
 )
 from omnimj.cli.progress import run_on_executor
-from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
+from omnimj.cli.terminal import announce_compilation, format_table, note_compiled, print_result
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def run(arguments: Any) -> int:
     note_compiled(config.plant, "uto_robot")
     command = command_line(arguments)
     text = json.dumps(_as_plain(outcome), indent=2) if arguments.json else _format_tuning(outcome)
-    print(text, flush=True)  # first: a full disk must not cost the result
+    print_result(text)
     write_text(config.out, format_gains_file(outcome, command))
     write_tuning_report(report, outcome, command)
     if not arguments.json:

@@ -213,6 +213,20 @@ def test_a_closed_output_pipe_is_no_traceback(sink, codes):
     assert b"Traceback" not in done.stderr
 
 
+def test_a_reader_that_closes_the_pipe_costs_no_file(tmp_path):
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    out = tmp_path / "out"
+    script = "import sys; from omnimj.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    argv = ("run", "circle_8m_kinematic", "--set", "duration=0.5", "--set", "checks={}", "--out", str(out))
+    done = subprocess.run(
+        [sys.executable, "-c", script, *argv], stdout=write_end, stderr=subprocess.PIPE, check=False
+    )
+    os.close(write_end)
+    assert done.returncode in (0, 141) and b"Traceback" not in done.stderr
+    assert {"trace.parquet", "metrics.json", "report.html"} <= {one.name for one in out.iterdir()}
+
+
 def test_the_kinematic_level_runs_without_a_plant(capsys, tmp_path, undrawn, unrendered):
     argv = (
         "run",
