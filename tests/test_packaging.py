@@ -83,6 +83,7 @@ def test_data_are_found_in_the_installed_layout(installed, tmp_path):
     assert output_of(script, installed, cwd=tmp_path).split() == expected.split()
 
 
+@pytest.mark.slow
 def test_an_installed_package_lists_and_runs_and_writes_only_where_it_should(installed, tmp_path):
     for folder in ("home", "work"):
         (tmp_path / folder).mkdir()
@@ -143,6 +144,7 @@ NEEDING_EXTRAS = {
 }
 
 
+@pytest.mark.slow
 def test_a_command_that_needs_an_extra_says_which(tmp_path):
     """One process without any extra, as after a plain installation."""
     script = f"""

@@ -39,7 +39,7 @@ from omnimj.control.detection.robust.judgement import (
     judge_block,
 )
 from omnimj.control.detection.robust.verdict import all_diagnoses
-from omnimj.control.records import Record, copied, opened, packed
+from omnimj.control.records import Record, copied, opened, packed, plain_array
 from omnimj.control.recovery.recovery import Recovery, shorted_wheels, write_log
 from omnimj.control.recovery.step import (
     Demand,
@@ -287,8 +287,9 @@ class CompiledController:
     ) -> tuple[CurrentCommand, CompiledState]:
         """Currents for the next period; zero current for bad data, never an exception."""
         m, velocity, record = measurement, target.velocity, copied(state.record)
-        demand = Demand(float(velocity[0]), float(velocity[1]), target.yaw_rate, target.heading)
-        now = Reading(m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw, demand)
+        demand = Demand(float(velocity[0]), float(velocity[1]), float(target.yaw_rate), float(target.heading))
+        arrays = plain_array(m.current), plain_array(m.wheel_speed), plain_array(m.acceleration)
+        now = Reading(float(m.time), *arrays, float(m.yaw_rate), float(m.yaw), demand)
         after = CompiledState(record, *state[1:])
         outcome = _step(self.parameters, record, now, False)
         if outcome == _BLOCK_IS_FULL:

@@ -57,6 +57,15 @@ def packed(value: Any) -> Record:
     return record
 
 
+def plain_array(values: Any) -> NDArray[np.float64]:
+    """Copy as a writable float64 array without strides.
+
+    For every other type or layout of an argument a kernel is compiled anew, which takes thousands of control
+    periods: a view of a log, integers, a buffer that may not be written.
+    """
+    return np.array(values, np.float64, order="C")
+
+
 def copied(record: Record) -> Record:
     """Copy of a record, or of an array of records, with the very same dtype object.
 

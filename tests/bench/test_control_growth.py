@@ -29,6 +29,7 @@ def slipping():
     return record_mission(ROBOT, 10.0, PASSING_SLIP)
 
 
+@pytest.mark.slow
 def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
     monkeypatch.setattr(verdict, "HISTORY_LENGTH", 1)  # an hour's diagnoses in a minute
     monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 2)
@@ -37,6 +38,7 @@ def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipp
     assert abs(growth.grown) < 400  # blocks of Python's memory, one for 50 steps
 
 
+@pytest.mark.slow
 def test_what_is_kept_from_step_to_step_is_seen(monkeypatch):
     kept, step = [], CompiledController.step
 
@@ -51,6 +53,7 @@ def test_what_is_kept_from_step_to_step_is_seen(monkeypatch):
     assert memory_growth(mission, 1, memory=sys.getallocatedblocks).grown > 4000
 
 
+@pytest.mark.slow
 def test_a_replay_ends_with_what_the_drive_ended_with():
     driven = record_mission(ROBOT, 12.0, SLIP_AND_WEAK_MOTOR)
     controller = full_controller(ROBOT)

@@ -56,6 +56,7 @@ def test_a_robot_that_is_dragged_aside_shows_it():
     assert abs(level.direction_error) < 0.003 < tilted.direction_error
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_row_per_case_as_table_and_json(capsys, monkeypatch):
     chosen = [Case("omni3", "ellipsoid", "as written"), Case("omni3", "sphere", "as written")]
     monkeypatch.setattr(wheels, "cases", lambda: iter(chosen))

@@ -48,6 +48,7 @@ def test_what_was_recorded_until_then_is_written_and_one_line_reports_it(
     assert metrics["failure"] == trace.about["failure"] and not metrics["passed"]
 
 
+@pytest.mark.slow
 def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(
     capsys, tmp_path, monkeypatch, unrendered
 ):

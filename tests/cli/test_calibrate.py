@@ -91,6 +91,7 @@ def seen_in(config, progress, *, measure=calibrating._maxima, found={}):  # noqa
     return found[config.dataset.path]
 
 
+@pytest.mark.slow
 def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(files):
     found = {rate: read_thresholds(file) for rate, file in files.items()}
     for rate, thresholds in found.items():
@@ -107,6 +108,7 @@ def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(fil
         )
 
 
+@pytest.mark.slow
 def test_the_file_states_its_origin(files, folder):
     content = tomllib.loads(files[0.1].read_text(encoding="utf-8"))["calibration"]
     assert (
@@ -137,6 +139,7 @@ def weighed_once(monkeypatch):
     monkeypatch.setattr(model_misfit, "INJECTIONS", 4)
 
 
+@pytest.mark.slow
 def test_the_extent_of_extrapolation_is_printed(weighed_once, folder, files, tmp_path, capsys):
     text = files[0.1].read_text(encoding="utf-8")
     assert mentions(text, "0.1 false alarms per hour", "one in 10 h", "-fold")
@@ -166,6 +169,7 @@ def misfitting(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_model_that_does_not_fit_raises_no_threshold_without_a_word(
     weighed_once, misfitting, tmp_path, capsys, monkeypatch
 ):
@@ -242,6 +246,7 @@ def test_the_observer_of_a_gains_file_is_the_one_that_is_calibrated_and_that_dia
     assert json.loads(capsys.readouterr().out)["observer"]["memory"] == 2.0
 
 
+@pytest.mark.slow
 def test_a_run_with_thresholds_decides_by_them(monkeypatch, files):
     from omnimj.simulate import run as running
 
@@ -273,6 +278,7 @@ def mission():
     return driven()
 
 
+@pytest.mark.slow
 def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, refused, tmp_path):
     gyro = np.array(mission["yaw_rate"])
     gyro[4000:] = gyro[4000]
@@ -300,12 +306,14 @@ def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch
     assert mentions(capsys.readouterr().out, "warning", "turning", "1 diagnosis")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", ["0", "-1", "nan", "inf", "many", "1e-9", "1e9", "1_0", ""])
 def test_a_rate_out_of_range_is_one_line(refused, folder, rate):
     message = refused("calibrate", str(folder), f"--false-alarms-per-hour={rate}", "--out", "t.toml")
     assert f"found {rate!r}; must be a number, at least 1e-06" in message
 
 
+@pytest.mark.slow
 def test_bad_flags_are_one_line(refused, folder, files, tmp_path):
     rate = ("--false-alarms-per-hour", "1")
     assert "required: --out" in refused("calibrate", str(folder), *rate)

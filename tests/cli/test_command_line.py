@@ -184,6 +184,7 @@ def test_help_lists_every_command(capsys):
     assert "omnimj run nylon_patch" in text
 
 
+@pytest.mark.slow
 def test_a_terminal_without_the_signs_shows_others():
     script = "import sys; from omnimj.cli.main import main; sys.exit(main(['run', 'circle_8m_kinematic']))"
     done = subprocess.run(
@@ -213,6 +214,7 @@ def test_a_closed_output_pipe_is_no_traceback(sink, codes):
     assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_a_reader_that_closes_the_pipe_costs_no_file(tmp_path):
     read_end, write_end = os.pipe()
     os.close(read_end)

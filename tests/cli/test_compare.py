@@ -31,6 +31,7 @@ def metrics_of(folder):
     return json.loads((folder / "metrics.json").read_text())
 
 
+@pytest.mark.slow
 def test_each_cell_is_the_number_of_its_run(runs, capsys):
     closed, opened = sorted(runs.iterdir())
     assert main(["compare", str(closed), str(opened), "--json"]) == 0
@@ -49,6 +50,7 @@ def test_each_cell_is_the_number_of_its_run(runs, capsys):
         )
 
 
+@pytest.mark.slow
 def test_the_page_overlays_the_runs_and_marks_what_failed(runs, tmp_path, capsys):
     closed, opened = sorted(runs.iterdir())
     worse = tmp_path / "worse <b>"

@@ -74,6 +74,7 @@ def test_a_full_disk_does_not_end_a_run(cache, capsys, monkeypatch):
     assert main(QUICK) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["twin", "planar"])
 def test_the_line_comes_before_the_imports_that_compile(tmp_path, plant):
     script = """

@@ -27,6 +27,7 @@ def test_the_shell_takes_its_script(shell, tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shell", SHELLS)
 def test_every_shell_s_script_has_every_command_and_every_scenario(shell):
     script = completion_script(make_parser(), shell)

@@ -74,6 +74,7 @@ def damaged(axis: Dataset, path: Path, **scales: float) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scales, words",
     [
@@ -88,6 +89,7 @@ def test_a_search_stops_before_it_starts_and_says_what_is_wrong(axis, refused, t
     assert mentions(line, "bad", *words, "[columns]", "--accept")
 
 
+@pytest.mark.slow
 def test_a_scale_in_the_dataset_file_is_the_remedy(axis, tmp_path):
     folder = Path(damaged(axis, tmp_path / "bad", position=1e3))
     with pytest.raises(DataFaultError):
@@ -106,6 +108,7 @@ def test_runs_of_the_rig_in_another_unit_are_held_back(rig, refused, command):
     assert mentions(line, "unit: carriage_speed", "1000 times", "--accept")
 
 
+@pytest.mark.slow
 def test_logs_with_another_time_are_held_back_from_diagnosis_and_calibration(robot, refused):
     line = refused("diagnose", str(robot), "--out", "out")
     assert mentions(line, "time base: ", "milliseconds", "--accept")
@@ -113,6 +116,7 @@ def test_logs_with_another_time_are_held_back_from_diagnosis_and_calibration(rob
     assert mentions(line, "time base: ", "milliseconds", "--accept")
 
 
+@pytest.mark.slow
 def test_accepted_logs_are_diagnosed_in_seconds(robot, tmp_path, capsys):
     assert main(["diagnose", str(robot), "--accept", "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
@@ -122,6 +126,7 @@ def test_accepted_logs_are_diagnosed_in_seconds(robot, tmp_path, capsys):
     assert all(10.0 < run["judged"] < 13.0 for run in content["runs"].values())
 
 
+@pytest.mark.slow
 def test_accepted_runs_are_identified_in_metres_per_second(rig, tmp_path, capsys):
     assert main(["identify", str(rig), "--accept", "--out", str(tmp_path / "out")]) == 0
     assert "carriage_speed: divided by 1000" in capsys.readouterr().out
@@ -154,6 +159,7 @@ def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json():
     jsonschema.validate(json.loads(json.dumps(content)), SCHEMA)
 
 
+@pytest.mark.slow
 def test_the_python_door_raises_and_accepts(rig, robot):
     for call in (
         lambda **more: omnimj.identify(rig, **more),

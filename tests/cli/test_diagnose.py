@@ -111,6 +111,7 @@ def test_the_terminal_gets_a_table_and_json_is_what_is_written(done, tmp_path, c
     assert json.loads(capsys.readouterr().out) == read_diagnoses(tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["csv", "no commands"])
 def test_csv_gives_the_same_diagnoses_and_so_do_logs_without_set_currents(done, tmp_path, change):
     runs = two_runs(commands=change == "csv")
@@ -124,6 +125,7 @@ def test_csv_gives_the_same_diagnoses_and_so_do_logs_without_set_currents(done, 
         assert diagnosed == [(d["kind"], d["wheels"]) for d in run["diagnoses"]]
 
 
+@pytest.mark.slow
 def test_the_published_method_runs_on_robot_logs(folder, tmp_path):
     assert main(["diagnose", str(folder), "--method", "published", "--out", str(tmp_path / "out")]) == 0
     content = read_diagnoses(tmp_path / "out")
@@ -138,6 +140,7 @@ def rig_run(name: str, faults: tuple[Fault, ...]) -> Run:
     return Run(name, {key: columns[key] for key in kept}, {}, {**FLOOR, "mass": rig.rig.masses[0]})
 
 
+@pytest.mark.slow
 def test_rig_logs_get_the_published_method(tmp_path, capsys):
     runs = [
         rig_run("healthy", ()),
@@ -155,6 +158,7 @@ def test_rig_logs_get_the_published_method(tmp_path, capsys):
     assert message.count("\n") == 1 and mentions(message, "--method", "'robust'", "choices: published")
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_runs_that_are_finished(folder, tmp_path, monkeypatch, capsys):
     whole, seen = diagnosing.replay, []
 
@@ -255,6 +259,7 @@ def test_hostile_data_are_one_line(mission, refused, tmp_path):
     assert "has no dataset.toml" in refused("diagnose", str(tmp_path / "nothing"), "--out", "out")
 
 
+@pytest.mark.slow
 def test_a_failed_sensor_in_a_log_is_named_and_wild_numbers_break_nothing(tmp_path):
     gyro = np.array(driven()["yaw_rate"])
     gyro[4000:] = gyro[4000]

@@ -57,6 +57,7 @@ def test_processes_diagnose_each_dataset_of_a_fleet_as_it_is_alone(one, night, t
     diagnosed_alike(one, night, tmp_path, capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("executor", [(), ("--executor", "threads", "--workers", "2")])
 def test_each_dataset_of_a_fleet_is_diagnosed_as_it_is_alone(
     one, night, tmp_path, capsys, executor, monkeypatch
@@ -106,6 +107,7 @@ def test_results_never_go_into_the_folder_of_the_datasets(night, capsys):
     assert "lies in the folder of the datasets" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_floors_are_identified_for_each_dataset_of_a_fleet(night, tmp_path, capsys):
     command = ["identify", str(night), "--out", str(tmp_path / "out"), "--executor", "threads"]
     assert main(command) == 1

@@ -32,6 +32,7 @@ def identified(tmp_path_factory):
     return folder / "healthy", folder / "out"
 
 
+@pytest.mark.slow
 def test_it_writes_model_floors_thresholds_numbers_and_report(identified):
     _, out = identified
     assert sorted(path.name for path in out.iterdir()) == FILES
@@ -47,6 +48,7 @@ def test_it_writes_model_floors_thresholds_numbers_and_report(identified):
     assert "rests on the model file's torque constant" in report and "did not excite" in report
 
 
+@pytest.mark.slow
 def test_other_commands_accept_its_files(identified, tmp_path, plain_files):
     _, out = identified
     files = ["--model", str(out / "model.toml"), "--floors", str(out / "floors.toml")]

@@ -21,6 +21,7 @@ def checked(capsys, address, *options):
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_wired_well_passes_over_a_real_wire(capsys):
     with served(planar(), "udp") as address:
         code, found = checked(capsys, address, *LOCK_STEP)
@@ -73,6 +74,7 @@ def _code(argv):
         return ended.code
 
 
+@pytest.mark.slow
 def test_a_device_that_does_not_answer_ends_the_check_with_its_own_code(capsys):
     code, found = checked(capsys, "udp:127.0.0.1:9", "--yes", "--on-floor", "--json")
     assert code == 3

@@ -118,6 +118,7 @@ def test_a_comparison_where_there_is_no_other_method_is_refused(capsys, tmp_path
     assert "--compare" in err[0] and "kinematic" in err[0] and not folder.exists()
 
 
+@pytest.mark.slow
 def test_a_report_sets_the_methods_side_by_side(capsys, tmp_path, unrendered):
     assert called_compiled(capsys, *QUICK, "--compare", "--out", str(tmp_path / "run"))[0] == 0
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

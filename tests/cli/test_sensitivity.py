@@ -24,6 +24,7 @@ FILES = {
 }
 
 
+@pytest.mark.slow
 def test_a_study_writes_its_files_and_goes_on_without_driving_again(tmp_path, capsys, monkeypatch, undrawn):
     monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: InlineExecutor())
     argv = [

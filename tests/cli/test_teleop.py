@@ -70,6 +70,7 @@ class Person:
                 os.close(end)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("last", "code"),
     representative((b"q", 0), (b"\x03", 130), (None, 130)),
@@ -123,6 +124,7 @@ def drive_ahead(address: str, out: Path) -> tuple[int, str, bytes]:
         person.leave()
 
 
+@pytest.mark.slow
 def test_keys_drive_the_robot_behind_a_wire_and_leave_it_stopped(tmp_path):
     robot, out = planar(), tmp_path / "run"
     with served(robot, "udp", lock_step=False) as address:

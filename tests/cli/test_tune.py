@@ -47,6 +47,7 @@ def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(pu
     assert found["judged"][0]["before"]["cost"] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_thresholds_from_a_file_are_those_that_candidates_are_driven_with(push, tmp_path, monkeypatch):
     file, seen = tmp_path / "t.toml", []
     units = {"motor": "nats", "drag": "nats", "accelerometer": "nats", "slip": "m", "worn": "1"}
@@ -77,6 +78,7 @@ def test_a_result_that_is_not_better_is_reported_and_exits_with_1(push, tmp_path
     assert "NOT BETTER" in (tmp_path / "g_report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not_been(
     push, tmp_path, monkeypatch, capsys
 ):

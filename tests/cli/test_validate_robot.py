@@ -32,6 +32,7 @@ def model():
     return ["--model", str(files / "identified.toml"), "--floors", str(files / "soft_floors.toml")]
 
 
+@pytest.mark.slow
 def test_real_runs_stand_beside_their_twin_by_floor_and_speed(folder, model, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["validate", str(folder), *model, "--plant", "twin", "--recording", "exp122"]

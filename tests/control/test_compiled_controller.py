@@ -17,6 +17,7 @@ from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
 from omnimj.parameters import read_robot
+from omnimj.physics.native import on_compilation
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Target
@@ -106,3 +107,33 @@ def test_a_step_leaves_the_state_before_it_as_it_was():
         again, _ = controller.step(state, measured, target)
         assert np.array_equal(again.current, command.current), "the same input gives the same command"
         measured, state = plant.step(command), after
+
+
+def laid_out(measurement, layout):
+    arrays = {name: layout(getattr(measurement, name)) for name in ("current", "wheel_speed", "acceleration")}
+    return dataclasses.replace(measurement, **arrays)
+
+
+LAYOUTS = {
+    "every third number": lambda a: np.repeat(a, 3)[::3],
+    "backwards": lambda a: a[::-1].copy()[::-1],
+    "read only": lambda a: np.frombuffer(a.tobytes()),
+    "list": list,
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+@pytest.mark.parametrize("kind", [FaultTolerantController, CompiledController])
+def test_readings_laid_out_in_any_way_are_answered_alike_and_compile_nothing(kind, layout):
+    controller, plant = controller_of(kind), PlanarRobot(ROBOT, "natural_stone", seed=3)
+    measured, target, compiled = plant.reset(), Target(np.array((0.3, 0.1)), 0.2, 0.0), []
+    plain = other = controller.start(measured)
+    for k in range(40):  # blocks are judged, too
+        command, plain = controller.step(plain, measured, target)
+        if k == 20:  # everything has been called
+            on_compilation(compiled.append)
+        again, other = controller.step(other, laid_out(measured, layout) if k >= 20 else measured, target)
+        assert np.array_equal(command.current, again.current)
+        measured = plant.step(command)
+    on_compilation(None)
+    assert compiled == []

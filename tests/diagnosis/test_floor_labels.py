@@ -49,6 +49,7 @@ def test_drag_across_one_wheel_is_borne_by_the_motors_of_the_others():
     assert np.abs(moved[[0, 2]]).min() > 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", representative(0.4, 3.3, 1.9, 5.0, keep=2))
 def test_wheels_that_change_their_floor_are_found_with_their_times(three, direction):
     made, calibration = three
@@ -62,6 +63,7 @@ def test_wheels_that_change_their_floor_are_found_with_their_times(three, direct
     assert (found.probability.argmax(axis=-1) == found.labels).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_a_robot_on_one_floor_reports_no_crossing(three):
     made, calibration = three
     others = one_floor_logs(made, first=1, many=10)
@@ -70,6 +72,7 @@ def test_a_robot_on_one_floor_reports_no_crossing(three):
     assert [run.crossings for run in found] == [[]] * 20
 
 
+@pytest.mark.slow
 def test_four_wheels_are_told_apart():
     made = plan("uto_robot")
     calibration = calibrate_labels(made, [one_floor_logs(made)])
@@ -80,6 +83,7 @@ def test_four_wheels_are_told_apart():
     assert found.crossings[0].time == pytest.approx(6.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_run_that_stands_still_has_no_label(three):
     made, calibration = three
     run = log(made, "still", 0.0, [(0.0, (SOFT,) * 3)], conditions={"floor": "soft"}, speed=0.0)
@@ -124,6 +128,7 @@ def test_a_difference_that_lasts_counts_once():
     assert gains[-1] < 0.5 * (0.08 / 0.04) ** 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", representative(0.15, 0.0))
 def test_the_error_of_the_model_is_told_from_noise(error):
     made, runs = plan(), []
@@ -136,6 +141,7 @@ def test_the_error_of_the_model_is_told_from_noise(error):
     assert noise.bias == pytest.approx(max(error, 0.005), rel=0.3, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_calibration_run_that_is_harder_than_the_others_sets_the_threshold(three):
     made, easy = three
     patch = [(0.0, (HARD,) * 3), (6.0, (HARD, SOFT, HARD)), (7.0, (HARD,) * 3)]
@@ -149,6 +155,7 @@ def test_a_calibration_run_that_is_harder_than_the_others_sets_the_threshold(thr
     assert again.crossings == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("conditions", "kind", "words"),
     [
@@ -173,6 +180,7 @@ def test_floors_that_cannot_be_compared_are_refused():
         FloorPlan(robot, many)
 
 
+@pytest.mark.slow
 def test_too_few_runs_are_no_calibration(three):
     made, _ = three
     logs = one_floor_logs(made, many=1)

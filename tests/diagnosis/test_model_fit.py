@@ -50,6 +50,7 @@ def test_what_is_left_after_a_diagnosis_may_be_the_fault_itself():
     assert judge_fit(trace_of((1.0, 1.0, 3.0), 12.0), ROBOT, (fault,)) is None
 
 
+@pytest.mark.slow
 def test_a_robot_whose_wheels_ripple_far_beyond_its_model_is_not_said_to_have_weak_motors(tmp_path):
     effects = {"roller_ripple": {"amplitude": 8.0}}
     config = RecordingConfig(tmp_path / "logs", plant="planar", effects=effects)

@@ -84,6 +84,7 @@ def test_the_compiled_loop_gives_what_the_detector_gives_sample_by_sample(make):
     assert len(done[True]) > 3 and len(done[False]) > 3
 
 
+@pytest.mark.slow
 def test_a_watch_of_the_compiled_loop_sees_each_block_as_that_of_single_samples_does():
     run = uneven(as_run(driven(weak=True)))
     machine = read_machine(as_dataset(run))
@@ -141,6 +142,7 @@ def first_fast_row() -> int:
     return int(np.argmax(speed > 0.7 * speed.max()))
 
 
+@pytest.mark.slow
 def test_a_log_that_begins_in_the_middle_of_a_motion_raises_no_alarm():
     row = first_fast_row()
     for method in ("robust", "published"):

@@ -103,6 +103,7 @@ def test_an_unknown_command_in_the_line_of_options_is_an_error():
         with_options("# Fly\n\nAll options: `omnimj fly --help`.\n", COMMANDS)
 
 
+@pytest.mark.slow
 def test_the_site_has_the_options_in_place_of_the_line(site: SiteBuild):
     for command in COMMANDS:
         built = (site.folder / page_of(command).replace(".md", ".html")).read_text(encoding="utf-8")

@@ -84,6 +84,7 @@ def test_tables_in_a_tutorial_are_toml(path):
         tomllib.loads(code)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [timed(path) for path in TUTORIALS])
 def test_a_tutorial_runs_to_its_end_and_shows_results(path):
     cells = [cell for cell in execute_notebook(path).cells if cell.cell_type == "code"]
@@ -92,6 +93,7 @@ def test_a_tutorial_runs_to_its_end_and_shows_results(path):
     assert len(shown) >= 4
 
 
+@pytest.mark.slow
 def test_results_stand_below_their_code_and_notes_on_standard_error_do_not(tutorial):
     file = tutorial(
         "# Small\n\n```python\nimport sys\nprint('six', file=sys.stderr)\nprint(2 * 3)\n```\n\n"
@@ -113,6 +115,7 @@ def test_without_execution_a_page_is_the_text_and_code_alone(tutorial):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "code, said",
     [

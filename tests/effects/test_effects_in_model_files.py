@@ -34,6 +34,7 @@ def read_again(folder: Path, file: Path, effects, changed=None):
     return machine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("file", "machine"), PLANTS)
 def test_every_effect_is_read_as_it_was_written(tmp_path, file, machine):
     plant = "quarter_rig" if machine is RIG else "uto_robot"

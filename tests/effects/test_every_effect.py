@@ -33,6 +33,7 @@ BOTH = [
 """Every case on both plants; the fast suite takes one of the two, in turn."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plant", "machine", "steps", "name", "choice", "kind"), BOTH)
 def test_a_typical_size_shows_and_the_vanishing_value_is_nothing(plant, machine, steps, name, choice, kind):
     effect = effects_of(plant)[name]
@@ -44,6 +45,7 @@ def test_a_typical_size_shows_and_the_vanishing_value_is_nothing(plant, machine,
     assert np.abs(typical - untouched).max() > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "machine", "steps", "name", "choice"),
     [

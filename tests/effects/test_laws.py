@@ -90,6 +90,7 @@ def nothing(*_):
     return 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*FORCES, *TORQUES])
 def test_an_added_force_moves_the_rig_as_an_adaptive_integrator_computes(name, measured):
     values, law = {**FORCES, **TORQUES}[name]

@@ -73,6 +73,7 @@ def _groups(found, plant):
     return [group for group in found.groups if group.plant == plant]
 
 
+@pytest.mark.slow
 def test_a_run_of_the_twin_itself_validates_with_errors_near_zero(found):
     for group in _groups(found, "twin"):
         assert group.velocity_error < 0.01
@@ -81,12 +82,14 @@ def test_a_run_of_the_twin_itself_validates_with_errors_near_zero(found):
         assert group.end_by_measured_heading < 0.02 and group.end_by_own_heading < 0.02
 
 
+@pytest.mark.slow
 def test_twin_and_equations_agree_where_both_share_a_floor(found):
     for twin, planar in zip(_groups(found, "twin"), _groups(found, "planar"), strict=True):
         assert planar.simulated_speed == pytest.approx(twin.simulated_speed, rel=0.03)
         assert planar.velocity_error < 0.05
 
 
+@pytest.mark.slow
 def test_rolling_without_slip_misses_what_a_soft_floor_takes(found):
     for twin, rolling in zip(_groups(found, "twin"), _groups(found, "rolling"), strict=True):
         assert rolling.simulated_speed == pytest.approx(_SCALE * rolling.wheel_rolling, rel=0.02)
@@ -94,15 +97,18 @@ def test_rolling_without_slip_misses_what_a_soft_floor_takes(found):
         assert np.isnan(rolling.current_error).all()
 
 
+@pytest.mark.slow
 def test_the_angle_of_a_turned_marker_is_found_and_taken_out(found):
     assert found.marker["twin"][_FLOOR] == pytest.approx(_MARKER, abs=2e-3)
     assert f"{_FLOOR}: marker turned" in found.marker_notes[0]
 
 
+@pytest.mark.slow
 def test_too_few_runs_tell_no_angle_since_it_would_hide_their_error(found):
     assert marker_angle([run for run in found.runs if run.plant == "twin"][:3]) is None
 
 
+@pytest.mark.slow
 def test_runs_are_grouped_by_speed_and_each_belongs_to_one_group(found, dataset):
     slow, fast = _groups(found, "twin")
     assert {name.split("_")[0] for name in slow.runs} == {"slow"}
@@ -110,6 +116,7 @@ def test_runs_are_grouped_by_speed_and_each_belongs_to_one_group(found, dataset)
     assert speed_groups(reversed(found.numbers))[0].wheel_rolling == pytest.approx(slow.wheel_rolling)
 
 
+@pytest.mark.slow
 def test_a_gap_in_the_wheel_speeds_is_bridged(dataset, robot, floors, found):
     run = dataset.runs[0]
     mask = np.zeros(len(run.time), bool)
@@ -124,6 +131,7 @@ def test_a_gap_in_the_wheel_speeds_is_bridged(dataset, robot, floors, found):
     assert np.allclose(np.hypot(*again.simulated[:2]), np.hypot(*before.simulated[:2]), rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_numbers_that_no_plant_gives_are_null_in_the_file(found):
     content = drives_content(found)
     rolling = next(group for group in content["table"] if group["plant"] == "rolling")
@@ -131,6 +139,7 @@ def test_numbers_that_no_plant_gives_are_null_in_the_file(found):
     assert len(content["runs"]) == 3 * 8
 
 
+@pytest.mark.slow
 def test_wrong_input_gives_one_clear_error(dataset, robot, floors):
     with pytest.raises(InputError, match=r"pose_measured: found false.*'pose_measured = true'"):
         validate_drives(replace(dataset, pose_measured=False), robot, floors)

@@ -69,6 +69,7 @@ def place_of(truth: dict[str, np.ndarray], robot: ForeignRobot) -> np.ndarray:
     return np.column_stack([truth["x"], truth["y"]]) + in_world(truth, com)
 
 
+@pytest.mark.slow
 def test_the_floors_forces_and_gravity_change_the_momentum(driven: Log, loaded: ForeignRobot):
     """m d²x_c/dt² = F + m g s over every stretch of time: the impulse is what the momentum gains."""
     force = in_world(driven.truth, floor_forces(driven.truth))
@@ -79,6 +80,7 @@ def test_the_floors_forces_and_gravity_change_the_momentum(driven: Log, loaded: 
     np.testing.assert_allclose(gained, impulse[1:-1] - impulse[0], atol=2e-3 * loaded.mass)
 
 
+@pytest.mark.slow
 def test_the_moment_about_the_centre_of_mass_changes_the_spin(driven: Log, loaded: ForeignRobot):
     truth, com = driven.truth, np.array(loaded.com)
     force = floor_forces(truth)
@@ -92,6 +94,7 @@ def test_the_moment_about_the_centre_of_mass_changes_the_spin(driven: Log, loade
     assert np.abs(force).max() > 5.0
 
 
+@pytest.mark.slow
 def test_the_floor_carries_the_weight_and_balances_the_acceleration(driven: Log, loaded: ForeignRobot):
     """Σ N = m g; a force of the floor forward unloads the wheels ahead, by h F in all."""
     normal, weight = four_of(driven.truth, "normal"), loaded.mass * GRAVITY
@@ -176,6 +179,7 @@ def test_halving_the_step_quarters_the_error(loaded: ForeignRobot):
     assert usual < 0.4 * coarse
 
 
+@pytest.mark.slow
 def test_accelerometer_reads_the_second_derivative_of_its_place(driven: Log, loaded: ForeignRobot):
     """Specific force at the body's centre, not the centre of mass: d²x/dt² without the pull of the slope."""
     truth = driven.truth

@@ -63,6 +63,7 @@ def driven(plant, seed, faults=()):
     return drive(robot, Controller(ROBOT, period=1e-3), reference)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("action", ["twist", "currents"])
 def test_gymnasium_accepts_it_without_a_warning(plant, action):
@@ -266,6 +267,7 @@ def fresh(script):
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_gymnasium_finds_it_by_the_module_before_the_colon():
     script = f"""
 import gymnasium

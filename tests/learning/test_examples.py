@@ -26,6 +26,7 @@ def example() -> Any:
     del sys.modules[spec.name]
 
 
+@pytest.mark.slow
 def test_a_few_generations_already_follow_the_plan_more_closely(example, tmp_path, capsys):
     out = tmp_path / "policy.json"
     example.main(
@@ -39,6 +40,7 @@ def test_a_few_generations_already_follow_the_plan_more_closely(example, tmp_pat
     assert f"{1e3 * learned.tracking.mean():.2f}" in printed
 
 
+@pytest.mark.slow
 def test_the_seed_determines_what_is_learned(example):
     first, again, other = (example.train(seed, 1, 3.0) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)

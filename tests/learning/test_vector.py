@@ -49,6 +49,7 @@ def assert_same(one, other, place=""):
         assert one == other, place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["planar", "twin"])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_robots_do_together_what_they_do_alone(plant, mode):

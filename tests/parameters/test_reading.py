@@ -127,6 +127,7 @@ VALUES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(name=NAMES, line=st.integers(0, 200), value=VALUES)
 @example(name="robot.toml", line=0, value="0x" + "f" * 5000)

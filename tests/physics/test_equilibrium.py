@@ -91,6 +91,7 @@ def test_the_planar_plant_ends_at_the_equilibrium_when_its_wheels_keep_their_spe
     assert planar_output(output).normal.sum() == pytest.approx(11.3 * 9.81)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_the_steady_current_gives_the_torque_that_the_floor_takes(law):
     model, speeds, forces = model_of(LAWS[law]), rims(0.5), np.zeros(4)

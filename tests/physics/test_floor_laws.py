@@ -308,6 +308,7 @@ def rig_run(floor, current, lateral, wheel=RIG.wheel, h=2.5e-4, periods=1500):
     return np.array(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_on_the_rig_a_floor_resists_rolling_as_the_wheel_does_while_the_gantry_stands(name):
     of_wheel = rig_run(FLOORS[name], 0.9, 0.0, replace(RIG.wheel, rolling_resistance=0.03))

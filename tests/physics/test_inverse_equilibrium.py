@@ -66,6 +66,7 @@ def test_three_wheels_get_back_the_speeds_that_led_to_a_twist(floor):
         assert np.allclose(solved(model, led_to), speeds, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_of_four_wheels_the_speeds_closest_to_rolling_are_taken():
     model, radius = model_of(None, FLOORS["gray"]), read_robot().wheel.radius
     for twist in TWISTS[:3]:
@@ -107,6 +108,7 @@ def test_a_twist_that_traction_cannot_keep_up_is_reported_and_its_wheels_roll():
         assert np.allclose(speeds, rolling(ROBOTS["three wheels"], twist))
 
 
+@pytest.mark.slow
 def test_warm_started_steps_follow_a_twist_that_changes_slowly():
     model = model_of(ROBOTS["three wheels"], FLOORS["gray"])
     radius = read_robot(ROBOTS["three wheels"]).wheel.radius

@@ -107,6 +107,7 @@ def load(monkeypatch, tmp_path):
     sys.modules.pop("numbers_of_pairs", None)
 
 
+@pytest.mark.slow
 def test_only_what_python_calls_is_machine_code(load):
     module = load()
     assert module.total(2.0, 4) == pytest.approx(expected(2.0, 4), rel=1e-14)
@@ -117,6 +118,7 @@ def test_only_what_python_calls_is_machine_code(load):
     assert translated(module.root) == [True] and translated(module.product) == [False]
 
 
+@pytest.mark.slow
 def test_a_kernel_read_from_the_cache_is_linked_into_the_next_one_that_calls_it(load):
     load().total(2.0, 4)
     again = load()
@@ -132,6 +134,7 @@ def test_a_kernel_read_from_the_cache_is_linked_into_the_next_one_that_calls_it(
     )
 
 
+@pytest.mark.slow
 def test_an_error_below_the_called_kernel_arrives_with_its_arguments_also_from_the_cache(load):
     for _ in range(2):
         with pytest.raises(ValueError) as caught:
@@ -147,6 +150,7 @@ def allocations():
     _nrt_python.memsys_disable_stats()
 
 
+@pytest.mark.slow
 def test_arrays_inside_of_records_are_freed(load, allocations):
     module = load()
     module.total(2.0, 1000)
@@ -160,12 +164,14 @@ def test_arrays_inside_of_records_are_freed(load, allocations):
     assert allocations()[0] - made == allocations()[1] - freed
 
 
+@pytest.mark.slow
 def test_another_process_finds_the_same_numbers_and_errors_in_the_cache(load, tmp_path):
     here = load()
     numbers = f"{here.total(2.0, 4)!r} {here.product(here.pair_of(2.0, 4))!r}"
     assert run(CALLS, tmp_path).splitlines() == [numbers, "('found', -3.0)"]
 
 
+@pytest.mark.slow
 def test_a_callback_of_c_is_translated_once_and_then_read_from_the_cache(load, tmp_path):
     said = [run(TRANSLATIONS, tmp_path) for _ in range(2)]
     assert said == ["translated\n1.5\n", "1.5\n"]

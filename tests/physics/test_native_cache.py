@@ -89,6 +89,7 @@ def test_garbage_is_collected_after_a_compilation_as_often_as_before(load):
     assert gc.get_threshold() == before
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_the_same_time_leave_a_sound_cache(load, tmp_path):
     words = "import importlib, sys; from omnimj.physics import native; from pathlib import Path; "
     words += f"native.cache_folder = lambda package: Path({str(tmp_path / 'cache')!r}); "

@@ -168,6 +168,7 @@ bristles = st.tuples(*[st.floats(-0.002, 0.002)] * N)
 payloads = st.sampled_from([(0.0, 0.0, 0.0), (4.0, 0.1, -0.1), (-2.0, 0.05, 0.0)])
 
 
+@pytest.mark.slow
 @given(twists, wheel_speeds, bristles, commands, payloads, st.sampled_from(["paperboard", "soft paperboard"]))
 def test_power_balance(twist, wheel_speed, z, command, payload, name):
     """dT/dt = Σ T_i φ̇_i − Σ F_i V_r,i − Σ G_i v_lat,i, written afresh."""

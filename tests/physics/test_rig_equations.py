@@ -61,6 +61,7 @@ def test_fixed_step_agrees_with_the_independent_reference(floor, mass):
         assert np.sqrt(np.mean((states[:, 1] - wheel_speed) ** 2)) * RIG.wheel.radius < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lateral", "floor"), in_turn([0.65, -0.2, -0.65, 0.2], ["natural_stone", "soft"]))
 def test_fixed_step_agrees_with_the_reference_while_moving_sideways(lateral, floor):
     for current in (0.6, 1.5):

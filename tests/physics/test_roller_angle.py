@@ -38,6 +38,7 @@ def test_rollers_across_the_axle_are_exactly_those_of_an_omni_wheel():
     assert np.array_equal(robot.rolling_directions, robot.drive_directions)
 
 
+@pytest.mark.slow
 @given(ANGLES, SPEEDS, SPEEDS, SPEEDS)
 def test_wheels_at_the_speeds_of_the_rolling_matrix_do_not_slip_whatever_the_angle(angle, v_x, v_y, turn):
     robot = with_rollers(angle)
@@ -51,6 +52,7 @@ def test_wheels_at_the_speeds_of_the_rolling_matrix_do_not_slip_whatever_the_ang
         assert sideways == pytest.approx(side, abs=1e-12)
 
 
+@pytest.mark.slow
 @given(ANGLES, SPEEDS, SPEEDS, SPEEDS, SPEEDS, SPEEDS)
 def test_the_floor_takes_as_much_power_from_wheel_and_body_as_slip_and_rollers_waste(
     angle, rim, along, across, traction, drag

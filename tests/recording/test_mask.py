@@ -57,6 +57,7 @@ def recordings() -> list[dict[str, Array]]:
     return [driven(current, floor, speed, seed) for seed, (current, floor, speed) in enumerate(cases)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 2, 10])
 def test_recordings_of_the_twin_have_no_spike_at_any_rate(recordings, every):
     for name in (*RIG_CHANNELS, "current_target"):
@@ -92,6 +93,7 @@ def test_a_spike_of_twenty_times_the_largest_noise_is_found_wherever_it_is(seed,
     assert marks(values) == [place]
 
 
+@pytest.mark.slow
 def test_all_but_one_in_a_thousand_spikes_of_twenty_sigma_are_found_and_nothing_else():
     draws, missed = np.random.default_rng(1), 0
     for seed in range(1000):

@@ -165,6 +165,7 @@ def test_from_python_too(tmp_path):
         omnimj.diagnose(dataset)
 
 
+@pytest.mark.slow
 def test_the_twin_is_recorded_with_a_measured_pose_at_a_stated_rate(tmp_path, monkeypatch, capsys):
     from omnimj.simulate.suites import recording
 

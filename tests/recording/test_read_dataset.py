@@ -394,6 +394,7 @@ def test_a_truncated_parquet_file_is_refused(tmp_path_factory, cut):
     assert "b.parquet: is not a whole Parquet file" in refused(folder)
 
 
+@pytest.mark.slow
 @given(position=st.integers(0, 2**31), flip=st.integers(1, 255))
 def test_a_parquet_file_with_a_flipped_byte_is_read_or_refused(tmp_path_factory, position, flip):
     folder = made.write_rig(tmp_path_factory.mktemp("flip"))

@@ -33,6 +33,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 measured = st.floats(-LARGEST, LARGEST)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table_format", FORMATS)
 @given(cells=st.lists(measured, min_size=50, max_size=60), extra=st.lists(finite, min_size=60, max_size=60))
 def test_every_number_comes_back_bit_for_bit(tmp_path_factory, table_format, cells, extra):
@@ -51,6 +52,7 @@ def test_every_number_comes_back_bit_for_bit(tmp_path_factory, table_format, cel
 plain_text = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
 
 
+@pytest.mark.slow
 @given(plain_text, plain_text, st.floats(0.001, 1e300))
 def test_every_condition_comes_back(tmp_path_factory, description, repeat_of, mass):
     assume(description.strip() and repeat_of.strip())

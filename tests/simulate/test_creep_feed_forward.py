@@ -21,6 +21,7 @@ def scenario(tmp_path, *overrides, worse=1.0):
     return read_scenario("soft_floor_circle", overrides, floors_file=floors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", ["gray", "green"])
 def test_the_path_error_falls_by_70_percent_on_a_floor_that_creeps_a_tenth_more_than_assumed(tmp_path, floor):
     truth = scenario(tmp_path, f"floor={floor}", worse=1.1)

@@ -35,6 +35,7 @@ def circle_deviation(plant, weight, free=False):
     return largest_deviation(driven(reference(CIRCLE, 10.0), case))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["published", "corrected"])
 @pytest.mark.parametrize("feedback", [True, False])
 def test_a_healthy_robot_is_where_it_should_be(plant, feedback):

@@ -54,6 +54,7 @@ def diagnosed(run):
     return [(d["kind"], d["wheels"]) for d in run.metrics["diagnoses"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("current", "thresholds", "plant"), in_turn(CURRENTS, THRESHOLD_SETS, ["planar", "twin"])
 )
@@ -121,6 +122,7 @@ def test_rows_f5_to_f8_of_table_5_2(wheel, thresholds):
     assert motors[0]["time"] < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("direction", "thresholds", "plant"),
     in_turn(DIRECTIONS[::3], THRESHOLD_SETS, ["planar", "twin"]),
@@ -131,6 +133,7 @@ def test_a_robot_without_a_fault_raises_no_alarm_in_a_test_of_five_seconds(direc
     assert run.metrics["isolated"] is None
 
 
+@pytest.mark.slow
 def test_as_printed_a_robot_alarms_before_it_moves():
     """Erratum 4: the observer accelerates itself."""
     run = on_robot(f"{HIGH}, direction = 0.0", "", variant="printed", thresholds="printed")
@@ -138,6 +141,7 @@ def test_as_printed_a_robot_alarms_before_it_moves():
     assert run.metrics["false_alarms"] > 0
 
 
+@pytest.mark.slow
 def test_as_printed_the_robot_drives_at_half_the_speed():
     """Erratum 1."""
     test = f"{HIGH}, direction = 0.0"
@@ -146,6 +150,7 @@ def test_as_printed_the_robot_drives_at_half_the_speed():
     assert half == pytest.approx(0.5 * full, rel=0.1)
 
 
+@pytest.mark.slow
 def test_after_a_motor_fault_the_observer_takes_the_new_torque_constant_and_residuals_begin_anew():
     """Eqs. 6.1-6.3 and Fig. 6.13."""
     fault = "{kind = 'motor', wheel = 1, onset = 0.5, loss = 0.57}"
@@ -170,6 +175,7 @@ def test_after_a_motor_fault_the_observer_takes_the_new_torque_constant_and_resi
     assert np.abs(trace["residual_wheel_speed_1"][settled]) < 0.5
 
 
+@pytest.mark.slow
 def test_slip_weights_act_only_while_a_residual_is_above_its_threshold():
     """Eq. 6.4, and the switching of erratum 9."""
     fault = "{kind = 'slip', wheel = 1, onset = 0.5, floor = 'nylon'}"
@@ -194,6 +200,7 @@ def test_watching_alone_changes_nothing_of_the_run():
     assert watching.metrics["diagnoses"]
 
 
+@pytest.mark.slow
 def test_metrics_of_a_diagnosed_run_keep_to_their_schema(tmp_path):
     run = run_scenario(read_scenario("degraded_motor"), "planar", "published")
     jsonschema.validate(run.metrics, SCHEMA)
@@ -213,6 +220,7 @@ def test_every_residual_has_its_threshold_beside_it():
         assert residuals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", representative("repaired", *(v for v in VARIANTS if v != "repaired")))
 def test_the_shipped_thresholds_come_out_again(variant):
     """The runs that set them, once more; the others lie below."""

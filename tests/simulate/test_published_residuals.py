@@ -42,6 +42,7 @@ def rig_run(faults="", current=0.9, plant="planar", variant="repaired"):
     return test, run_with_residuals(TrainingRun(test, 7, False), DetectorOptions(variant), plant)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("faults", "plant"), latin(["", MOTOR], ["planar", "twin"]))
 def test_r7_and_r8_are_what_the_columns_of_the_trace_give(faults, plant):
     test, trace = robot_run(faults, plant=plant)
@@ -63,6 +64,7 @@ def test_r2_is_what_the_columns_of_the_trace_give(faults, plant):
     assert (expected[-1] > 1.0) == bool(faults)
 
 
+@pytest.mark.slow
 def test_the_robot_s_observer_integrates_the_equations_under_the_measured_currents():
     test, trace = robot_run(MOTOR)
     robot, current = test.constants, trace.wheels("current")
@@ -112,6 +114,7 @@ def test_as_printed_the_robot_s_observer_accelerates_itself_at_rest():
     assert bias < trace["residual_force_x"][-1] < 1.05 * math.hypot(bias, rollers)
 
 
+@pytest.mark.slow
 def test_as_printed_the_force_residual_is_biased_in_one_direction():
     """Erratum 4: right along +y, 4 to 10 N along −y, with a threshold of 3.5 N."""
     rms = {}
@@ -125,6 +128,7 @@ def test_as_printed_the_force_residual_is_biased_in_one_direction():
     assert 4.0 < rms["minus"] < 10.0
 
 
+@pytest.mark.slow
 def test_the_method_uses_the_declared_floor_whatever_lies_on_it():
     patched = read_scenario("nylon_patch", ("diagnosis={recovery=false}",))
     bare = read_scenario("nylon_patch", ("diagnosis={recovery=false}", "patches=[]"))
@@ -133,6 +137,7 @@ def test_the_method_uses_the_declared_floor_whatever_lies_on_it():
     assert np.abs(found[1]).max() < 0.5
 
 
+@pytest.mark.slow
 def test_what_a_mission_does_not_measure_does_not_reach_the_method():
     """Truth columns aside, a fault that has not begun changes no residual."""
     _, healthy = robot_run("")

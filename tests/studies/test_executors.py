@@ -127,6 +127,7 @@ def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp
     assert "diagnoses" in here
 
 
+@pytest.mark.slow
 def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask_here):
     file = scenario_file(tmp_path, faults="")
     (scenario,) = read_tuned_scenarios((file,), None).values()
@@ -185,6 +186,7 @@ def test_cases_of_the_gap_benchmark_are_the_same_by_processes_by_threads_and_by_
     assert benchmark("dask", dask) == here
 
 
+@pytest.mark.slow
 def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask_of_one):
     tasks = {f"task_{k}": (tmp_path / "mark", k) for k in range(8)}
     trials = TrialFolder(tmp_path)
@@ -324,6 +326,7 @@ kill -- -$(cat "{folder}/job.pid")
 """
 
 
+@pytest.mark.slow
 def test_jobs_of_a_slurm_cluster_do_the_same_work(tmp_path, monkeypatch):
     """The commands of SLURM are stand-ins that run a job's script on this machine."""
     pytest.importorskip("dask_jobqueue")

@@ -65,6 +65,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_workers_whose_parent_is_killed_leave_with_it(tmp_path):
     script = tmp_path / "parent.py"

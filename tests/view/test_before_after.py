@@ -83,6 +83,7 @@ def test_without_a_second_model_there_is_no_after(tmp_path):
     assert "/world/before/carriage" in back.entities
 
 
+@pytest.mark.slow
 def test_the_robots_recording_has_paths_and_the_axis_a_carriage(tmp_path):
     back = written(tmp_path, "robot")
     assert {"/world/after/path", "/world/measured/chassis", "/plots/yaw_rate"} <= back.entities
@@ -94,6 +95,7 @@ def test_the_robots_recording_has_paths_and_the_axis_a_carriage(tmp_path):
     np.testing.assert_allclose(place.reshape(-1, 3)[:, 0], overlay.after[:, 0], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINDINGS)
 def test_every_finding_has_a_recording_of_modest_size(tmp_path, name):
     write_before_after(tmp_path / "a.rrd", FINDINGS[name]())

@@ -80,6 +80,7 @@ def page(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_diagnosis_that_no_plotted_statistic_explains_says_which_test_decided(page):
     text = page.read_text("utf-8")
     captions = re.findall(r"Decided by a test that is not drawn here: ([^<]*)\.", text)
@@ -105,6 +106,7 @@ def test_the_page_begins_with_what_was_found_in_how_many_runs_worst_first(page):
     assert len(Page(page).ids) > 6
 
 
+@pytest.mark.slow
 def test_a_finding_filters_the_runs_that_have_it_and_a_second_click_shows_all(page, tmp_path):
     browser = chromium()
     if browser is None:
@@ -127,6 +129,7 @@ def test_a_finding_filters_the_runs_that_have_it_and_a_second_click_shows_all(pa
     assert seen.found == []
 
 
+@pytest.mark.slow
 def test_at_every_alarm_the_drawn_statistic_of_its_test_is_at_its_threshold(tmp_path):
     runs = [as_run(driven(weak=True), "weak"), as_run(driven(), "healthy")]
     write_dataset(tmp_path / "runs", "uto_robot", {"floor": "natural_stone"}, runs)

@@ -91,6 +91,7 @@ def pages(tmp_path_factory) -> dict[str, Path]:
     return {name: folder / f"{name}.html" for name in FINDINGS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINDINGS)
 def test_the_page_is_whole_and_needs_nothing_from_elsewhere(pages, name):
     raw = without_scripts(pages[name].read_text(encoding="utf-8"))
@@ -103,6 +104,7 @@ def test_the_page_is_whole_and_needs_nothing_from_elsewhere(pages, name):
     assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', raw)) <= set(page.ids)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINDINGS)
 def test_every_number_in_the_tables_is_in_gap_json(pages, name):
     known = list(numbers_in(digest(FINDINGS[name]())))
@@ -119,6 +121,7 @@ def test_every_number_in_the_tables_is_in_gap_json(pages, name):
             assert np.min(np.abs(values - number)) <= room * (1.0 + 1e-6), (text, shown)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINDINGS)
 def test_the_story_goes_from_the_verdict_to_how_it_was_done(pages, name):
     page = Page(pages[name])
@@ -138,6 +141,7 @@ def test_the_story_goes_from_the_verdict_to_how_it_was_done(pages, name):
     assert f"omnimj gap {name} --out 'o & o'" in "".join(page.words)
 
 
+@pytest.mark.slow
 def test_every_figure_has_a_heading_and_a_caption(pages):
     raw = pages["three"].read_text(encoding="utf-8")
     figures = re.findall(r"<figure.*?</figure>", raw, re.DOTALL)
@@ -149,11 +153,13 @@ def test_every_figure_has_a_heading_and_a_caption(pages):
         assert found and len(found[1]) > 4 and len(found[2]) > 30
 
 
+@pytest.mark.slow
 def test_an_unfinished_search_is_marked_as_such(pages):
     assert "Not finished" in Page(pages["interrupted"]).text
     assert "Not finished" not in Page(pages["named"]).text
 
 
+@pytest.mark.slow
 def test_a_verdict_is_shown_by_word_and_symbol_and_not_by_colour_alone(pages):
     words = {
         "named": "✓ Named",
@@ -165,6 +171,7 @@ def test_a_verdict_is_shown_by_word_and_symbol_and_not_by_colour_alone(pages):
         assert verdict in Page(pages[name]).text
 
 
+@pytest.mark.slow
 def test_texts_from_outside_cannot_break_the_page(page_path):
     evil = "</main><script>alert('x')</script>"
     finding = rig_named()
@@ -213,6 +220,7 @@ def test_a_finding_with_next_to_nothing_in_it_has_a_report_too(page_path, name, 
     assert "Method" in Page(page_path).text
 
 
+@pytest.mark.slow
 def test_masked_blocks_and_a_silent_channel_do_not_break_the_report(page_path):
     finding = rig_named()
     overlays = []
@@ -223,6 +231,7 @@ def test_masked_blocks_and_a_silent_channel_do_not_break_the_report(page_path):
     assert "nan" not in Page(page_path).text.lower().replace("explanation", "")
 
 
+@pytest.mark.slow
 def test_every_axis_names_its_quantity(pages):
     finding = rig_named()
     variable, place = mismatch.regime_variables(finding)[0]
@@ -292,6 +301,7 @@ def test_windows_are_not_joined_by_a_line():
         assert np.count_nonzero(np.isnan(line.y)) == len(apart) - 1
 
 
+@pytest.mark.slow
 def test_effects_without_known_probability_or_bounds_are_listed(page_path, undrawn):
     finding = rig_named()
     one: NamedEffect = finding.effects[0]

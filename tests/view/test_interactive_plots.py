@@ -34,6 +34,7 @@ def page(robot_file) -> str:
     return robot_file.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_dragging_over_one_plot_zooms_all_plots_over_time(page, browser, tmp_path, robot_trace):
     end = float(robot_trace["time"][-1])
     script = f"""
@@ -64,6 +65,7 @@ def test_the_values_below_the_cursor_are_those_of_the_trace_at_its_time(page, br
     assert float(found[2]) == pytest.approx(robot_trace["wheel_speed_2"][k], rel=2e-3, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_click_on_the_legend_hides_a_line_and_another_shows_it(page, browser, tmp_path):
     script = """
     const lines = () => models('GlyphRenderer').filter(r => !r.visible).length;
@@ -87,6 +89,7 @@ def test_a_finger_scrolls_the_page_instead_of_zooming(page, browser, tmp_path):
     assert all(operate(browser, coarse, script, tmp_path))
 
 
+@pytest.mark.slow
 def test_the_text_of_a_page_comes_before_its_scripts_so_that_it_is_painted_first(page):
     assert 0 < page.index("</main>") < page.index("<script>")
 

@@ -147,6 +147,7 @@ def test_a_watched_method_shows_its_residuals_while_it_drives(tmp_path, name, me
     assert {"/mode", "/diagnosis/wheel_1"} <= set(seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name, plant", [("circle_8m", "planar"), ("circle_8m_kinematic", None)])
 def test_plants_without_poses_are_shown_with_the_robot_on_its_path(tmp_path, name, plant):
     scenario = read_scenario(name, () if plant is None else ("duration=0.6",))
@@ -203,6 +204,7 @@ def test_a_viewer_listens_on_the_loopback_address_only(receiver):
         socket.create_connection(("127.0.0.2", viewer._port), timeout=5.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups")
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # the receiver is stopped, not finished
 def test_a_run_reaches_another_process_over_the_loopback_address(receiver):

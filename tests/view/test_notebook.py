@@ -179,6 +179,7 @@ def test_no_text_of_a_record_becomes_markup(run, robot_trace):
         assert not tags.open and "script" not in tags.seen, type(record)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [made_findings.rig_named, made_findings.robot, robot_numbers, drives])
 def test_every_plot_of_a_record_is_drawn(make):
     record = make()
@@ -193,6 +194,7 @@ def drawn_in(shown) -> list[GlyphRenderer]:
     return [renderer for renderer in found if isinstance(renderer, GlyphRenderer)]
 
 
+@pytest.mark.slow
 def test_plots_of_a_run_share_their_time_axis(run):
     assert {"path", "heading", "currents"} <= set(run.plots)
     shown = run.plot("wheel-speeds", "currents")
@@ -214,6 +216,7 @@ def test_columns_of_a_trace_are_plotted_as_they_are(robot_trace):
         robot_trace.plot("xx")
 
 
+@pytest.mark.slow
 def test_records_are_shown_without_loading_a_drawing_library_before():
     script = """
 import sys

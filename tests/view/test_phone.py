@@ -100,6 +100,7 @@ def written(tmp_path_factory, rig_data, robot_file, compared_file, rig_file) -> 
     return page_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", representative(*LOOKED_AT, *others(*LOOKED_AT), keep=len(LOOKED_AT)))
 def test_nothing_is_wider_than_a_phone_and_no_text_is_too_small(kind, written, browser, tmp_path):
     seen = on_a_phone(browser, written(kind, True).read_text(encoding="utf-8"), tmp_path)
@@ -108,6 +109,7 @@ def test_nothing_is_wider_than_a_phone_and_no_text_is_too_small(kind, written, b
         assert seen.smallest >= READABLE
 
 
+@pytest.mark.slow
 def test_the_check_on_a_phone_finds_what_is_too_wide_and_too_small(browser, tmp_path):
     wide = f"<p style='white-space: nowrap; width: max-content'>{LONG}</p>"
     seen = on_a_phone(browser, _PAGE % wide, tmp_path)
@@ -117,6 +119,7 @@ def test_the_check_on_a_phone_finds_what_is_too_wide_and_too_small(browser, tmp_
     assert seen.found == [] and seen.smallest is not None and seen.smallest < 0.7 * READABLE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_report_is_one_file_and_knows_paper(kind, written):
     page = written(kind, kind in LOOKED_AT)
@@ -145,5 +148,6 @@ def test_rows_with_sentences_are_stacked_and_label_each_cell():
     assert table([row[:3]], ("a", "b", "c")).kind == ""
 
 
+@pytest.mark.slow
 def test_cells_of_stacked_rows_carry_their_headings(written):
     assert "<td data-head='words'>why this case" in written("benchmark", False).read_text(encoding="utf-8")

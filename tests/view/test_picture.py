@@ -103,6 +103,7 @@ assert render(model, model.qpos0, folder / "apart.png", size=(320, 216)).backend
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not _can_render("osmesa"), reason="no software rendering on this machine")
 def test_the_process_of_the_run_renders_the_picture_that_a_separate_one_does(tmp_path):
     environment = {**os.environ, "MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}

@@ -73,6 +73,7 @@ def flat(values: Any) -> np.ndarray:
     return np.array([values], float)
 
 
+@pytest.mark.slow
 def test_every_view_of_the_layout_has_an_entity_with_data(back, parts):
     views, filled = shown(back.reader.path), {entity for (entity, _), v in parts.items() if v}
     assert len(views) > 10

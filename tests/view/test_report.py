@@ -112,6 +112,7 @@ def test_every_check_is_there_with_value_limit_and_a_word_for_its_state(robot_pa
     assert "Failed: 1 of 2 checks" in robot_page.text
 
 
+@pytest.mark.slow
 def test_texts_from_outside_cannot_break_the_page(page_path, robot_trace, robot_scenario, robot_metrics):
     evil = "</main><script>alert('x')</script>"
     metrics = {
@@ -161,6 +162,7 @@ def test_faults_and_diagnoses_are_described_in_sentences(robot_page):
         assert words in robot_page.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failure", [None, "at 3.1 s: the newest telemetry is 22.5 ms old"])
 def test_a_run_that_was_broken_off_is_marked_at_the_top(
     failure, page_path, robot_path, robot_scenario, robot_metrics, undrawn
@@ -204,6 +206,7 @@ def figures(robot_trace: Trace, rig_trace: Trace, spans) -> dict[str, Drawing]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", [("wheel_speed",), ("wheel_speed", "current", "slip_velocity")])
 def test_a_run_without_a_quantity_of_its_wheels_has_a_report_without_its_plot(
     missing, page_path, robot_trace, robot_scenario, robot_metrics, undrawn
@@ -215,6 +218,7 @@ def test_a_run_without_a_quantity_of_its_wheels_has_a_report_without_its_plot(
     assert ("id='currents'" in page) == ("current" not in missing)
 
 
+@pytest.mark.slow
 def test_every_axis_names_its_quantity_and_unit(robot_trace, rig_trace):
     for name, figure in figures(robot_trace, rig_trace, ()).items():
         for panel in figure.panels:
@@ -222,6 +226,7 @@ def test_every_axis_names_its_quantity_and_unit(robot_trace, rig_trace):
         assert re.search(r"\[(s|m)\]$", figure.panels[-1].plot.xaxis.axis_label), name
 
 
+@pytest.mark.slow
 def test_faults_are_shaded_in_all_time_plots_and_named_once(robot_trace, rig_trace, robot_metrics):
     spans = fault_spans(robot_metrics, 10.0)
     for name, figure in figures(robot_trace, rig_trace, spans).items():

@@ -51,6 +51,7 @@ def test_a_false_alarm_has_its_row_with_its_number_of_times(
     assert "2 of 2 faults were diagnosed but not isolated. 2 false alarms." in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "diagnoses", "expected"),
     [
@@ -236,6 +237,7 @@ def test_every_state_that_has_a_name_has_a_colour_of_its_own():
         assert len({palette.state_color(name) for name in names}) == len(names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "published"])
 def test_a_diagnosed_robots_report_has_all_its_figures(
     page_path, robot_trace, robot_scenario, robot_metrics, method, undrawn
@@ -262,6 +264,7 @@ def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scena
     assert "Effectiveness" not in page and "Two ways to compute the force" in page
 
 
+@pytest.mark.slow
 def test_runs_with_other_methods_stand_side_by_side(
     page_path, robot_trace, robot_scenario, robot_metrics, undrawn
 ):

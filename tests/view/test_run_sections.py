@@ -44,6 +44,7 @@ def files(tmp_path_factory) -> dict[str, Path]:
     return {"gap": folder / "gap.html", "evaluate": folder / "out" / "report.html"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", representative(*KINDS))
 def test_only_the_first_run_is_open_and_another_is_loaded_when_it_is_opened(kind, files, browser, tmp_path):
     script = f"""{_STATE}
@@ -58,6 +59,7 @@ def test_only_the_first_run_is_open_and_another_is_loaded_when_it_is_opened(kind
     assert after == before + 1 and figures > 0 and closed == 0
 
 
+@pytest.mark.slow
 def test_the_search_field_finds_held_out_runs_of_the_gap(files, browser, tmp_path):
     script = f"""{_STATE} type('Held OUT p35');
     const found = [shown(sections), shown(rows), count.textContent];
@@ -68,6 +70,7 @@ def test_the_search_field_finds_held_out_runs_of_the_gap(files, browser, tmp_pat
     assert count == "2 of 9 runs" and inside == "0 of 9 runs"  # no word begins with 35
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", representative(1200, 600))
 def test_the_search_field_finds_cases_by_fault_floor_and_outcome(files, browser, tmp_path, width):
     page = files["evaluate"].read_text("utf-8")
@@ -112,6 +115,7 @@ def test_the_search_field_and_the_parts_are_reached_by_keyboard(files, browser, 
     assert label == "Show runs with" and live == "OUTPUT"  # read out when it changes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_plot_is_embedded_once_and_has_a_still_picture(kind, files):
     page = files[kind].read_text(encoding="utf-8")
@@ -126,6 +130,7 @@ def test_each_plot_is_embedded_once_and_has_a_still_picture(kind, files):
     assert len(groups) == len(re.findall("<details class='run'", page))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_scripts_the_field_is_absent_and_everything_else_is_there(kind, files):
     page = files[kind].read_text(encoding="utf-8")
@@ -141,6 +146,7 @@ def test_rows_without_a_part_of_the_page_have_no_link():
     assert list(table.keys) == ["run-a", "run-b-20--26--20-b"]
 
 
+@pytest.mark.slow
 def test_a_gap_report_with_many_runs_has_parts_for_the_worst_and_a_row_for_each(
     tmp_path, undrawn, monkeypatch
 ):

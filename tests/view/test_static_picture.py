@@ -92,6 +92,7 @@ def test_every_plot_of_a_run_has_a_static_picture_in_its_page(machine, pages):
     assert sum(map(len, found)) < 40_000 * len(found)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     values=hnp.arrays(float, st.integers(2, 900), elements=st.floats(-1e6, 1e6, allow_subnormal=False)),
@@ -157,6 +158,7 @@ def test_a_gap_in_the_data_is_a_gap_in_the_line():
     assert [len(points) for points in points_of(path)] == [2, 2, 2]  # the last one is a dot
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     middle=st.floats(-1e4, 1e4),
@@ -301,6 +303,7 @@ def test_a_file_is_a_picture_of_its_own_on_white(robot_trace):
     assert int(picture.get("height")) == drawing.height
 
 
+@pytest.mark.slow
 def test_the_static_picture_is_shown_only_where_scripts_do_not_run(pages, browser, tmp_path):
     look = """<!DOCTYPE html><body><pre id='result'></pre><script>
     const page = %s, seen = [];
@@ -327,6 +330,7 @@ def test_the_static_picture_is_shown_only_where_scripts_do_not_run(pages, browse
     }
 
 
+@pytest.mark.slow
 def test_plots_on_paper_are_the_static_pictures_and_not_the_canvases_of_the_screen(pages, browser, tmp_path):
     run(browser, tmp_path, f"--print-to-pdf={tmp_path / 'page.pdf'}", pages["rig"].as_uri())
     whole = pages["rig"].read_text(encoding="utf-8").replace(".live { display: none; }", "")

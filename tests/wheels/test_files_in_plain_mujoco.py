@@ -36,6 +36,7 @@ def compiled(name):
     return mujoco.MjModel.from_xml_string(text_of(name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*WHEELS, *ROBOTS])
 def test_a_file_opens_by_every_way_into_mujoco_without_a_warning(name, tmp_path):
     path, saved = tmp_path / "file.xml", tmp_path / "saved.xml"
@@ -183,6 +184,7 @@ def test_rollers_that_touch_everything_climb_a_ramp_and_those_of_the_floor_do_no
     assert heights[0] == pytest.approx(0.05, abs=1e-3) and heights[1] > 0.055
 
 
+@pytest.mark.slow
 def test_any_numbers_make_a_file_that_mujoco_opens_or_are_refused():
     rng, accepted = np.random.default_rng(5), 0
     for _ in range(60):

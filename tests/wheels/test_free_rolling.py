@@ -57,6 +57,7 @@ def check_direction(layout, direction, seed, seconds=1.0, standing=None):
     assert np.abs(rate).max() < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["omni3", "omni4", "mecanum4"])
 @pytest.mark.parametrize("k", [0, 7, 14])
 def test_a_free_rolling_robot_has_the_speed_of_its_kinematics(layout, k):
@@ -71,6 +72,7 @@ def test_a_free_rolling_robot_has_the_speed_of_its_kinematics_in_24_directions(l
 
 
 # where a roller is lowest, where one hands over to the next, and between
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 5.0, 8.9])
 @pytest.mark.parametrize("k", [3, 9])
 def test_a_mecanum_robot_keeps_its_direction_whatever_the_angle_of_its_standing_wheels(k, turn):
@@ -84,6 +86,7 @@ def test_a_mecanum_robot_keeps_its_direction_from_any_angle_of_its_wheels(k, tur
     check_direction("mecanum4", 2.0 * math.pi * k / 24, seed=200 + k, standing=math.radians(turn))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["omni3", "omni4", "mecanum4"])
 @pytest.mark.parametrize("yaw_rate", [-1.0, 0.5])
 def test_a_robot_turns_on_the_spot_at_the_yaw_rate_of_its_kinematics(layout, yaw_rate):
@@ -98,6 +101,7 @@ def test_the_file_s_kinematics_are_the_textbook_s(layout):
         assert wheeled_robot(layout).wheel_speeds(twist) == pytest.approx(wheel_speeds(layout, *twist))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["omni4", "mecanum4"])
 @pytest.mark.parametrize("radius", [0.01, 0.02, 0.2])
 def test_robots_of_other_sizes_roll_as_their_kinematics_say(layout, radius):

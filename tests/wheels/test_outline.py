@@ -74,6 +74,7 @@ def test_the_reach_is_where_the_sampled_roller_is_lowest_at_hand_over(radius, b,
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius", "b", "degrees", "in_row", "cut"),
     [(0.05, 0.009, 90.0, 9, 0.012), (0.05, 0.005, 45.0, 16, 0.015), (0.05, 0.008, 45.0, 8, 0.02)],

@@ -25,7 +25,7 @@ from omnimj.control.cascade.heading import (
 )
 from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_all
 from omnimj.control.cascade.wheel_speed import SpeedGains, amplifier_parameters, speed_gains, speed_loop
-from omnimj.control.records import Record, copied, packed, packed_like
+from omnimj.control.records import Record, copied, packed, packed_like, plain_array
 from omnimj.parameters import Floor, Robot
 from omnimj.physics.motor import MotorParameters
 from omnimj.physics.native import kernel
@@ -201,7 +201,8 @@ def is_good(measurement: Measurement, wheels: int) -> bool:
     ones to its detector and its recovery.
     """
     m = measurement
-    return bool(is_good_sample(wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw))
+    arrays = plain_array(m.current), plain_array(m.wheel_speed), plain_array(m.acceleration)
+    return bool(is_good_sample(wheels, float(m.time), *arrays, float(m.yaw_rate), float(m.yaw)))
 
 
 @kernel
@@ -330,7 +331,7 @@ class Controller:
         """Yaw rate by a good measurement: gyro less its bias, or by the wheels [rad/s]."""
         if trusts_gyro:
             return float(measurement.yaw_rate - state.gyro_bias.bias)
-        return float(yaw_rate_by_wheels(self._turn, measurement.wheel_speed))
+        return float(yaw_rate_by_wheels(self._turn, plain_array(measurement.wheel_speed)))
 
     def initial_fields(self, measurement: Measurement) -> CascadeState:
         """Fields before the first step: heading as measured, within ±π, no current, gyro bias unknown."""
@@ -360,13 +361,14 @@ class Controller:
           reconfiguration: Changes by a recovery; none when None.
           good: Result of `is_good` where the caller has asked already.
         """
-        m, velocity, changed = measurement, target.velocity, self._nominal
+        m, changed = measurement, self._nominal
         good = is_good(m, self.wheels) if good is None else good
         if reconfiguration is not None:
             changed = packed_like(changed, reconfiguration)
-        now = CascadeInput(
-            good, m.wheel_speed, m.yaw_rate, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading
-        )
+        wheel_speed, yaw_rate, yaw = plain_array(m.wheel_speed), float(m.yaw_rate), float(m.yaw)
+        velocity_x, velocity_y = map(float, target.velocity)
+        demand = velocity_x, velocity_y, float(target.yaw_rate), float(target.heading)
+        now = CascadeInput(good, wheel_speed, yaw_rate, yaw, *demand)
         after = ControlState(copied(state.record))
         _step(self._parameters, changed, after.record, now)
         return CurrentCommand(after.current), after

@@ -10,7 +10,7 @@ from omnimj.control.cascade.allocation import inverse_kinematics
 from omnimj.control.cascade.controller import Reconfiguration, nominal_reconfiguration
 from omnimj.control.detection.detector import FaultEstimate
 from omnimj.control.gains import RecoveryGains
-from omnimj.control.records import Record, copied, packed
+from omnimj.control.records import Record, copied, packed, plain_array
 from omnimj.control.recovery.dither import SELF_TEST, Dither, null_space_speeds
 from omnimj.control.recovery.modes import NORMAL, REVERTED, RecoveryAction, choose_action
 from omnimj.control.recovery.step import (
@@ -167,8 +167,9 @@ class Recovery:
             if last is None or not estimate.same_faults_as(last):
                 self.choose_mode(record, estimate)
         velocity = target.velocity
-        demand = Demand(float(velocity[0]), float(velocity[1]), target.yaw_rate, target.heading)
-        now = RecoveryInput(measurement.time, measurement.wheel_speed, heading, yaw_rate, demand)
+        demand = Demand(float(velocity[0]), float(velocity[1]), float(target.yaw_rate), float(target.heading))
+        time, wheel_speed = float(measurement.time), plain_array(measurement.wheel_speed)
+        now = RecoveryInput(time, wheel_speed, heading, yaw_rate, demand)
         _step(self._parameters, known, now, record)
         return RecoveryState(record, estimate, known)
 

@@ -36,6 +36,7 @@ def rolling(demand, robot=ROBOT):
     return matrix @ np.array(demand) / robot.wheel.radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", ["gray", "green"])
 @pytest.mark.parametrize("demand", [(0.2, 0.0, 0.0), (-0.1, 0.22, 0.0), (0.1, 0.1, 0.4), (0.0, 0.0, 0.5)])
 def test_the_targets_are_the_wheel_speeds_at_which_the_plan_is_steady(floor, demand):

@@ -53,6 +53,7 @@ def run(floor, target, noise=NOISE):
 TIME = np.arange(4000) * H
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", FLOOR_NAMES)
 def test_step_overshoots_little_and_arrives_in_time(floor):
     speed, _ = run(floor, np.where(TIME > 0.1, 2.0, 0.0), noise=0.0)

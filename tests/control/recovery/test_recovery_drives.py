@@ -106,6 +106,7 @@ def test_a_robot_with_a_free_wheel_stays_on_its_path(wheel):
     assert strays(circled([lost("free", wheel)])) <= 3.0 * healthy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wheel", representative(2, 3, 1, 4, keep=2))
 def test_a_robot_with_a_held_wheel_turns_about_it_and_its_centre_stays_on_the_path(wheel):
     trace = circled([lost("locked", wheel)])
@@ -135,17 +136,20 @@ def test_a_robot_that_can_not_be_steered_is_brought_to_rest_and_stays_there():
     assert trace["pace"][-1] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("losses", representative([0.0, 0.8, 0.0, 0.0], [0.7, 0.7, 0.7, 0.7]))
 def test_a_loss_that_is_none_does_no_harm(losses):
     wrong = circled(method=AssumedFaults(ONSET, losses=np.array(losses)))
     assert strays(wrong) <= 2.0 * healthy()
 
 
+@pytest.mark.slow
 def test_a_dead_wheel_that_seems_to_pull_does_no_harm_to_the_path_since_the_place_is_held():
     lies = {"dead": np.array((False, True, False, False)), "force": np.array((0.0, 60.0, 0.0, 0.0))}
     assert strays(circled(method=AssumedFaults(ONSET, **lies))) <= 3.0 * healthy()
 
 
+@pytest.mark.slow
 def test_a_recovery_that_does_harm_is_withdrawn():
     """The velocity is a lie: the place would be driven back from where the robot is not, for ever."""
     lies = {"losses": np.array((0.5, 0.0, 0.0, 0.0)), "velocity": np.array((0.9, 0.0))}
@@ -158,6 +162,7 @@ def test_a_recovery_that_does_harm_is_withdrawn():
     assert trace["recovery"][-1] == REVERTED
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(st.booleans(), min_size=20, max_size=20),
@@ -203,6 +208,7 @@ def corrupted(measurement, part, value, place):
     return replace(measurement, **{part: now})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", ["dead", "runaway", "held", "slipping"])
 @settings(max_examples=20, deadline=None)
 @given(

@@ -51,6 +51,7 @@ GOES_ON = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HELD)
 def test_a_certain_fault_holds_the_data_back_and_is_named_in_one_line(name):
     recorded, change, kind = HELD[name]
@@ -62,6 +63,7 @@ def test_a_certain_fault_holds_the_data_back_and_is_named_in_one_line(name):
     assert mentions(message, str(broken.path), kind.replace("_", " "), "[columns]", "--accept")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", representative(*HELD, keep=3))
 def test_accepted_data_go_on_with_notes_and_units_corrected(name):
     recorded, change, kind = HELD[name]
@@ -76,6 +78,7 @@ def test_accepted_data_go_on_with_notes_and_units_corrected(name):
             np.testing.assert_allclose(run.time, whole.time, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GOES_ON)
 def test_what_the_search_may_name_is_reported_and_not_held_back(name):
     recorded, change = GOES_ON[name]
@@ -127,6 +130,7 @@ MACHINES_WITH_EFFECTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suite, effect, values", representative(*MACHINES_WITH_EFFECTS, keep=2))
 def test_a_machine_with_an_effect_of_typical_size_is_searched(tmp_path, suite, effect, values):
     recorded = record(suite, tmp_path / "runs", 7, 1, "planar", effects={effect: values})
@@ -154,6 +158,7 @@ def changed(name: str, change) -> Dataset:
     return as_dataset(replace(own, columns={**own.columns, name: change(own.columns[name], late)}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTY_MACHINES)
 def test_a_diagnosis_gets_logs_of_a_faulty_machine_as_they_are(name):
     logs = FAULTY_MACHINES[name]()
@@ -161,6 +166,7 @@ def test_a_diagnosis_gets_logs_of_a_faulty_machine_as_they_are(name):
     assert sound == logs and check.suspicions == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, factor",
     representative(

@@ -37,6 +37,7 @@ HEALTHY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HEALTHY)
 @pytest.mark.parametrize("seed", representative(0, 1))
 def test_a_healthy_recording_raises_no_suspicion(name, seed):

@@ -66,6 +66,7 @@ def test_what_is_not_a_number_becomes_null_and_never_nan():
 numbers = st.floats() | st.integers() | st.booleans() | st.none() | st.text()
 
 
+@pytest.mark.slow
 @given(
     st.recursive(numbers, lambda x: st.lists(x) | st.dictionaries(st.text(), x) | st.tuples(x), max_leaves=20)
 )

@@ -117,6 +117,7 @@ def test_a_complete_model_is_not_called_incomplete():
     assert not finding.incomplete and "ncomplete" not in summarize_finding(finding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [10, 11, 12])
 def test_a_structure_that_the_library_lacks_does_not_decide_between_two_names(seed):
     """A wrong mass and a wrong speed scale predict nearly the same; the wave in speed fits one better."""
@@ -139,6 +140,7 @@ def test_what_was_given_up_is_listed_with_its_gain_and_reason():
         assert one.label not in {e.effect for e in finding.effects}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", [{}, {"payload": np.array([0.05])}, {"air_drag": np.array([0.15])}])
 @pytest.mark.parametrize("wave", [0.0, 0.03, 0.1])
 def test_no_further_effect_gains_when_the_finding_says_so(truth, wave):

@@ -68,6 +68,7 @@ def searched(folder: Path, rig: Rig, torque_constant: float | None = None, heavi
     return find_gap(recorded(folder / "data", rig, own, heavier))
 
 
+@pytest.mark.slow
 def test_nothing_hidden_is_no_gap(tmp_path):
     finding = searched(tmp_path, RIG)
     assert (finding.verdict, finding.effects) == ("no_gap", ())

@@ -84,6 +84,7 @@ def test_a_model_with_one_more_effect_takes_them_without_another_simulation_and_
         assert np.linalg.norm(columns - fresh) < 0.1 * np.linalg.norm(fresh)
 
 
+@pytest.mark.slow
 def test_a_search_names_the_same_as_one_that_simulates_them_at_every_model(monkeypatch):
     class Forgetful(Sensitivities):
         """Simulates every sensitivity at the model at hand."""

@@ -31,6 +31,7 @@ def time_base_of(dataset):
     return [s for s in check_dataset(dataset).suspicions if s.kind == "time_base"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "factor"), latin(MACHINES, (1e3, 10.0, 1.0 / 60.0, 0.1, 1e6)))
 def test_time_in_another_unit_is_the_one_fault_and_is_sure(name, factor):
     (found,) = check_dataset(spoilt(MACHINES[name](0), scaled("time", factor))).suspicions
@@ -38,6 +39,7 @@ def test_time_in_another_unit_is_the_one_fault_and_is_sure(name, factor):
     assert found.size == pytest.approx(factor, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "number"), checkerboard(MACHINES, (5, 10)))
 def test_another_sampling_rate_is_no_fault_where_rates_fit_their_integrals(name, number):
     dataset = spoilt(MACHINES[name](0), at_rate_over(number))
@@ -45,6 +47,7 @@ def test_another_sampling_rate_is_no_fault_where_rates_fit_their_integrals(name,
     assert not any(s.is_certain for s in check_dataset(dataset).suspicions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_milliseconds_at_another_sampling_rate_are_milliseconds(name):
     (found,) = time_base_of(spoilt(MACHINES[name](0), both(at_rate_over(5), scaled("time", 1e3))))
@@ -63,6 +66,7 @@ def test_a_unit_of_a_channel_is_not_mistaken_for_one_of_time():
         assert [s.kind for s in check_dataset(slower).suspicions if s.is_sure] == ["unit"]
 
 
+@pytest.mark.slow
 def test_a_single_run_in_milliseconds_is_named_and_corrected_alone():
     own = rig_steps(0)
     runs = (spoilt(own, scaled("time", 1e3)).runs[1], *own.runs[2:])
@@ -75,6 +79,7 @@ def test_a_single_run_in_milliseconds_is_named_and_corrected_alone():
     assert any("divided by 1000" in note for note in corrected.notes)
 
 
+@pytest.mark.slow
 def test_other_channels_are_judged_with_the_corrected_time():
     broken = spoilt(rig_reversals(0), both(scaled("time", 1e3), scaled("carriage_acceleration", -1.0)))
     kinds = [(s.channel, s.kind) for s in check_dataset(broken).suspicions]

@@ -67,6 +67,7 @@ def replay_of(machine):
     return MachineReplay(Dataset(model.file, model.plant, (run,)), model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", SHARED)
 def test_what_the_base_has_of_a_quantity_can_go_into_the_effect_without_any_change(machine):
     replay = replay_of(machine)

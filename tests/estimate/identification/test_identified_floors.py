@@ -44,6 +44,7 @@ def identified(rig, floors):
     return get
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("source", "floor"), EACH_SOURCE)
 def test_the_curve_comes_back_within_three_percent(identified, floors, source, floor, measured):
     curve = identified(source, floor).floors[0].curve
@@ -128,6 +129,7 @@ def test_the_common_level_on_stone_is_right(identified):
     assert np.all(np.abs(curve.level - 0.1203) < 0.003)
 
 
+@pytest.mark.slow
 def test_where_friction_falls_within_the_slip_of_the_runs_it_is_seen(rig, floors):
     numbers = {**floors["pvc"].numbers, "mu_s": 0.25, "mu_c": 0.1, "V_s": 0.02}
     falling = dataclasses.replace(floors["pvc"], numbers=numbers)
@@ -162,6 +164,7 @@ def test_a_line_through_the_points_of_equation_4_26_is_worse(rig, floors, identi
     assert naive > 0.1 > 0.03 > ours
 
 
+@pytest.mark.slow
 def test_a_motor_that_is_not_as_declared_does_not_reach_the_floor(rig, floors):
     runs = [reference_run(rig, floors["natural_stone"], i) for i in (0.6, 1.2)]
     motor = dataclasses.replace(rig.motor, torque_constant=2.0 * rig.motor.torque_constant)
@@ -169,6 +172,7 @@ def test_a_motor_that_is_not_as_declared_does_not_reach_the_floor(rig, floors):
     assert right.floors[0].numbers == wrong.floors[0].numbers
 
 
+@pytest.mark.slow
 def test_runs_with_other_masses_and_a_moving_gantry_go_into_one_fit(rig, floors, measured):
     stone = floors["natural_stone"]
     runs = [
@@ -222,6 +226,7 @@ def test_a_run_in_which_nothing_moves_is_left_out_and_named(identified):
     assert len(found.left_out) == 1 and "_015_" in found.left_out[0]
 
 
+@pytest.mark.slow
 def test_masked_samples_are_not_fitted(rig, floors):
     runs = [reference_run(rig, floors["natural_stone"], i) for i in (0.6, 0.9, 1.2)]
     clean = identify(dataset(*runs), rig).floors[0]
@@ -239,6 +244,7 @@ def test_masked_samples_are_not_fitted(rig, floors):
     assert found.rms["carriage_speed"] < 1.1 * clean.rms["carriage_speed"]
 
 
+@pytest.mark.slow
 def test_the_rate_need_not_be_constant(rig, floors):
     runs = [reference_run(rig, floors["natural_stone"], i) for i in (0.6, 0.9, 1.2)]
     kept = np.random.default_rng(0).random(len(runs[0].time)) > 0.2
@@ -261,6 +267,7 @@ def test_a_floor_on_which_nothing_moves_is_an_error_that_names_it(rig, floors):
         identify(dataset(still), rig)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_floors_that_were_finished(rig, floors):
     runs = [reference_run(rig, floors[f], i, duration=0.5) for f in ("pvc", "paperboard") for i in (0.9, 1.2)]
 

@@ -109,6 +109,7 @@ def test_a_servo_with_such_a_gear_needs_the_measured_voltage_and_moves_as_measur
     assert plain[0] > 3.0 * true[0] and plain[1] > 3.0 * true[1]
 
 
+@pytest.mark.slow
 def test_mujoco_and_the_closed_form_agree_on_such_a_gear(driven_back, monkeypatch, measured):
     folder, efficiency = driven_back
     setting = Setting(np.array(TRUTH), {"back_driving (motor)": np.array([efficiency])})

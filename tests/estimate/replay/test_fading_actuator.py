@@ -35,6 +35,7 @@ laws = st.builds(
 inputs = st.floats(-2.0, 2.0)
 
 
+@pytest.mark.slow
 @given(laws, inputs, st.floats(-0.1, 0.1))
 def test_the_input_that_gives_a_force_is_found_from_the_force(law, command, speed):
     zero, v = np.zeros((1, 1)), np.array([[speed]])

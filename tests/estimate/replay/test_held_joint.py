@@ -22,6 +22,7 @@ GRIPPER = read_machine_file(Path(__file__).parents[2] / "data" / "machines" / "g
 SLOW = ("slow", "crawl")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.02, 0.05])
 def test_a_joint_that_creeps_with_known_friction_lacks_no_command(friction, measured):
     known = with_part_effects(SERVO, {"coulomb": {"force": friction}})
@@ -53,6 +54,7 @@ def gripper_errors(rest: float) -> tuple[MachineReplay, Array]:
     return replay, replay.measured - found
 
 
+@pytest.mark.slow
 def test_a_joint_that_rests_between_its_strokes_lacks_no_command(measured):
     error = gripper_errors(0.0)[1][:, :2]
     share = float(np.sqrt(np.nanmean(error**2))) / (2.0 * 1.5 / 15.0)
@@ -60,6 +62,7 @@ def test_a_joint_that_rests_between_its_strokes_lacks_no_command(measured):
     assert share < 0.01
 
 
+@pytest.mark.slow
 def test_a_log_that_rests_most_of_its_time_has_the_noise_of_its_motion():
     noise = {rest: block_noise(*gripper_errors(rest)) for rest in (0.0, 3.0)}
     assert noise[3.0] == pytest.approx(noise[0.0], rel=0.25)

@@ -19,6 +19,7 @@ def received(commands, lag):
     return found
 
 
+@pytest.mark.slow
 @given(lags, st.integers(0, 2**32 - 1))
 def test_a_lag_of_any_length_is_that_of_the_differential_equation(lag, seed):
     commands = np.cumsum(np.random.default_rng(seed).standard_normal(ROWS))

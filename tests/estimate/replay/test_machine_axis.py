@@ -56,6 +56,7 @@ def fitted(found, label):
     return base, fit(problem, (candidate,), screened.start, used)
 
 
+@pytest.mark.slow
 def test_the_true_axis_leaves_only_noise_with_and_without_a_stated_mass():
     found = replay_of(logs())
     force, position = rms(found)
@@ -93,6 +94,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("label", "resistance", "expected"), representative(*OTHERS, keep=3), ids=[o[0] for o in OTHERS]
 )
@@ -110,6 +112,7 @@ def test_logs_of_a_simulator_that_shares_no_code_are_understood(label, resistanc
         assert value == pytest.approx(truth, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [1e-3, 2e-3])
 def test_a_rigid_axis_has_no_spring_between_its_motor_and_its_carriage(period, measured):
     def resistance(x, v, t):
@@ -125,6 +128,7 @@ def test_a_rigid_axis_has_no_spring_between_its_motor_and_its_carriage(period, m
     assert after.x[-1] < 2.0 * error < 1e-7 and after.loss > 0.99 * base.loss
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [2e-4, 4e-4])
 def test_the_play_of_an_axis_is_found_in_its_size(angle, measured):
     base, after = fitted(replay_of(logs("backlash", (("angle", angle),))), "backlash (carriage)")
@@ -133,6 +137,7 @@ def test_the_play_of_an_axis_is_found_in_its_size(angle, measured):
     assert after.x[-1] == pytest.approx(angle, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_current_is_the_command_of_the_actuator():
     current = replay_of(logs(current=True))
     assert [c.name for c in current.channels][:2] == ["control:drive", "position:carriage"]

@@ -87,6 +87,7 @@ def test_the_link_moves_behind_the_motor_as_the_second_of_two_masses(measured):
     assert 0.02 < apart.mean() < 0.5 and (found[3][apart] == 0.0).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_the_motor_moves_before_the_link_as_the_first_of_two_masses(measured):
     states, inertia = two_masses(), DRIVE_MASS
     law = np.zeros(LAW)
@@ -115,6 +116,7 @@ def loose(request):
     return MachineReplay(as_machine_logs(Dataset(MACHINE.file, "linear_axis", (run,)), machine), machine)
 
 
+@pytest.mark.slow
 def test_a_play_in_the_logs_is_explained_by_its_width(loose):
     base = np.array([b.nominal for b in loose.base])
     rest = {}

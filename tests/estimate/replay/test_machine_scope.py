@@ -131,6 +131,7 @@ def test_a_joint_that_never_turns_back_is_named(tmp_path):
     assert "joint hip never turns back" in note and "move it both ways" in note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("actuators", "kind", "rest", "words"),
     [

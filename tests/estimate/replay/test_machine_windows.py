@@ -65,6 +65,7 @@ def test_the_true_machine_ends_its_windows_where_the_closed_form_does(tmp_path, 
     assert wrong < 5e-4 * travel
 
 
+@pytest.mark.slow
 def test_half_the_period_leaves_a_quarter_of_the_error_of_a_window(tmp_path):
     coarse, fine = (error_of_windows(tmp_path, swung, cosine, h, 0.0) for h in (0.005, 0.0025))
     assert 3.0 < coarse / fine < 6.0

@@ -219,6 +219,7 @@ def test_settings_are_simulated_alike_on_one_thread_and_on_two(healthy):
         assert np.array_equal(a, b)
 
 
+@pytest.mark.slow
 def test_every_candidate_at_its_vanishing_value_changes_nothing(replayed):
     (expected,) = replayed.simulate([setting(replayed)])
     for candidate in replayed.candidates:

@@ -85,6 +85,7 @@ def found(hidden):
     return analyse_replay(SteadyReplay(hidden, robot(), read_floors()), DatasetSummary("made"), seed=3)
 
 
+@pytest.mark.slow
 def test_hidden_effects_of_a_soft_floor_are_named_with_their_sizes(found):
     named = {e.effect: e for e in found.effects}
     assert found.verdict in ("named", "ambiguous")
@@ -135,6 +136,7 @@ def test_effects_of_several_floors_are_named_for_the_floor_that_has_them(tmp_pat
     assert angles[f"{FLOOR}.heading"] == pytest.approx(0.0, abs=0.003)
 
 
+@pytest.mark.slow
 def test_effects_of_a_floor_become_numbers_of_this_floor_and_those_of_the_robot_its_effects(
     hidden, found, tmp_path
 ):

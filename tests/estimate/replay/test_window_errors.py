@@ -80,6 +80,7 @@ def replay_of_free_links(tmp_path, noise):
     return MachineReplay(Dataset(file, "mjcf", (Run("a", columns, {}, {}),)), read_machine_file(file))
 
 
+@pytest.mark.slow
 def test_the_steps_of_windows_are_short_enough_for_the_noise_and_shorter_where_there_is_less(tmp_path):
     exact, noisy = (replay_of_free_links(tmp_path, noise) for noise in (1e-4, 3e-2))
     assert exact.substeps > noisy.substeps
@@ -90,6 +91,7 @@ def test_the_steps_of_windows_are_short_enough_for_the_noise_and_shorter_where_t
             assert np.sqrt(np.nanmean(wrong**2)) < 2.0 * channel.equation_error
 
 
+@pytest.mark.slow
 def test_a_setting_that_no_step_can_follow_gives_numbers_and_no_warning_of_mujoco(
     tmp_path, monkeypatch, capfd
 ):

@@ -70,6 +70,7 @@ def test_inertia_of_the_wheels_keeps_its_ratio_to_the_torque_constants():
     assert c.rotor == pytest.approx(torque * nominal.rotor)
 
 
+@pytest.mark.slow
 def test_healthy_drives_of_the_nominal_robot_give_its_numbers_back(tmp_path):
     robot = read_robot()
     config = RecordingConfig(tmp_path / "logs", plant="planar")

@@ -83,10 +83,12 @@ def found(foreign, tmp_path_factory):
     return identified(tmp_path_factory.mktemp("data") / "logs", foreign, 31, 5, 30.0)
 
 
+@pytest.mark.slow
 def test_a_few_minutes_give_motors_masses_and_losses_of_the_robot_that_drove(found, foreign):
     assert_near_truth(found, foreign, 0.02, 0.02, 0.005)
 
 
+@pytest.mark.slow
 def test_data_determine_ratios_and_the_prior_their_common_size(found):
     assert found["mass_ratio"].source == "data" and found["torque_ratio_1"].source == "data"
     ratio, mass = found["mass_ratio"], found["mass"]
@@ -97,6 +99,7 @@ def test_data_determine_ratios_and_the_prior_their_common_size(found):
     )
 
 
+@pytest.mark.slow
 def test_the_model_file_has_the_constants_that_were_identified(found, tmp_path):
     (tmp_path / "model.toml").write_text(model_text(found), encoding="utf-8")
     written = robot_constants(read_robot(tmp_path / "model.toml"))
@@ -106,6 +109,7 @@ def test_the_model_file_has_the_constants_that_were_identified(found, tmp_path):
         assert getattr(written, name) == pytest.approx(value, rel=1e-9, abs=1e-12), name
 
 
+@pytest.mark.slow
 def test_the_creep_law_has_the_slope_of_the_floor_and_counts_slip_speed(found, foreign, tmp_path):
     (creep,) = found.floors
     assert creep.chosen.name.startswith("slip speed")
@@ -119,6 +123,7 @@ def test_the_creep_law_has_the_slope_of_the_floor_and_counts_slip_speed(found, f
     assert read_floors(tmp_path / "floors.toml")["natural_stone"].law == "lugre"
 
 
+@pytest.mark.slow
 def test_a_gentle_drive_straight_ahead_leaves_numbers_open_and_names_a_manoeuvre(foreign, tmp_path):
     logs = {f"run_{k}": drive(foreign, straight(0.3, 0.0, 0.1, 12.0, 20.0), 20.0) for k in range(3)}
     write_dataset(tmp_path, logs)
@@ -203,6 +208,7 @@ def slowly_filmed(foreign):
     return {f"run_{k}": drive(foreign, 3101 + k, 40.0, rate=50.0, pose_measured=True) for k in range(3)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong, words",
     [

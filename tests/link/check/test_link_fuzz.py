@@ -11,6 +11,7 @@ from omnimj.link.check.fuzz import fuzz
 from omnimj.link.codec.layout import DropReason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_accepted_is_what_was_sent_and_all_that_was_whole_is_accepted(seed, measured):
     report = fuzz(frames=12_000, noise=3_000_000, seed=seed)

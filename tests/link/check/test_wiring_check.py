@@ -125,6 +125,7 @@ OTHERS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "place", representative("current_2", "wheel_speed_4", "motor_1", "motor_3", *BODY, *OTHERS, keep=8)
 )
@@ -132,6 +133,7 @@ def test_a_wrong_sign_is_reported_by_its_name(place):
     assert checked([WiringDefect("sign", place)]) == {(place, "sign")}
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(
     st.sets(st.sampled_from([f"wheel_speed_{i}" for i in WHEELS] + ["motor_1", "motor_4", "yaw"]), max_size=3)
@@ -140,6 +142,7 @@ def test_several_wrong_signs_are_reported_together(places):
     assert checked([WiringDefect("sign", p) for p in places]) == {(p, "sign") for p in places}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "factor"), checkerboard(("wheel_speed_1", "wheel_speed_4", "yaw_rate", "yaw"), (0.6, 1.5))
 )
@@ -147,20 +150,24 @@ def test_a_wrong_gain_is_reported_by_its_name(place, factor):
     assert checked([WiringDefect("gain", place, factor)]) == {(place, "gain")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["motor_2", "current_2"])
 def test_a_wrong_gain_of_amplifier_or_monitor_is_reported_as_either(place):
     assert checked([WiringDefect("gain", place, 0.6)]) == {("motor_2 or current_2", "gain")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", representative("current_3", "wheel_speed_2", *BODY, keep=5))
 def test_a_dead_channel_is_reported(place):
     assert checked([WiringDefect("dead", place)]) == {(place, "dead")}
 
 
+@pytest.mark.slow
 def test_a_dead_motor_is_reported():
     assert checked([WiringDefect("dead", "motor_3")]) == {("motor_3 or current_3", "dead")}
 
 
+@pytest.mark.slow
 def test_off_the_floor_a_person_distinguishes_a_motor_from_its_channel():
     for place in ("motor_2", "wheel_speed_2"):
         motions = moved(Miswired([WiringDefect("sign", place)], known_robot()), on_floor=False)

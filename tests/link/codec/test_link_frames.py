@@ -251,6 +251,7 @@ def test_limits_are_seven():
     assert len(Limits.__dataclass_fields__) == 7, "their layout, hash and header hold seven"
 
 
+@pytest.mark.slow
 def test_a_frame_takes_5_microseconds_each_way(measured):
     times = codec_times(times=2000)
     assert len(times) == 12

@@ -6,6 +6,7 @@ import random
 from zlib import crc32
 
 import numpy as np
+import pytest
 from sample_frames import GOLDEN
 
 from omnimj.link.codec.frames import encode
@@ -34,6 +35,7 @@ def test_the_syndromes_are_those_of_the_checksum():
         assert crc32(damaged) ^ crc32(sent) in expected
 
 
+@pytest.mark.slow
 def test_every_error_of_up_to_four_bits_is_detected_in_frames_of_up_to_240_bytes():
     single = syndromes(8 * LONGEST)
     assert np.all(single != 0) and len(np.unique(single)) == len(single), "one and two bits"

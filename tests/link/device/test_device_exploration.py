@@ -18,12 +18,14 @@ FROM_POWER_UP, FROM_DRIVING, FROM_DRIVING_AT_NIGHT = 7, 5, 6
 """Numbers of events."""
 
 
+@pytest.mark.slow
 def test_no_sequence_of_events_from_power_up_makes_current_flow_unasked():
     found = explored(FROM_POWER_UP, at_power_up)
     assert found.counterexample == ()
     assert found.states > 4000 and found.moving > 0, "the search has seen a moving robot"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("depth", "states", "moving"),
     [(FROM_DRIVING, 4000, 300), pytest.param(FROM_DRIVING_AT_NIGHT, 5000, 500, marks=pytest.mark.slow)],
@@ -84,12 +86,14 @@ BROKEN = (
 """Devices and where the way to current begins."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("broken", "begin"), BROKEN, ids=lambda one: one.__name__)
 def test_the_search_finds_the_way_to_current_in_a_device_that(monkeypatch, broken, begin):
     broken(monkeypatch)
     assert explore(5 if begin is driving else 6, begin).counterexample
 
 
+@pytest.mark.slow
 def test_the_page_of_threats_shows_the_states_that_the_device_has():
     text = PAGE.read_text(encoding="utf-8")
     assert updated(text) == text, "run tests/link/device/make_state_picture.py"

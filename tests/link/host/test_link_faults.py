@@ -54,6 +54,7 @@ def expect_ended(world: World, since: float, within: float = LATEST) -> None:
     assert world.last_motion() <= since + within and not world.device.armed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["to_device", "to_host", "both"])
 def test_a_cut_of_a_second_ends_motion_within_valid_for_and_for_good(way):
     world = driving()
@@ -94,6 +95,7 @@ def test_a_device_that_restarts_gets_no_command_and_its_host_stops():
     world.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("loss", "seed"), checkerboard((0.0, 0.01, 0.1, 0.3), (1, 2)))
 def test_losses_either_let_the_robot_be_driven_or_stop_it_with_a_reason(loss, seed):
     world = driving(seed=seed)
@@ -109,6 +111,7 @@ def test_losses_either_let_the_robot_be_driven_or_stop_it_with_a_reason(loss, se
     world.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("delay", "jitter"), [(0.002, 0.0), (0.005, 0.002), (0.1, 0.0), (0.0, 0.1), (0.05, 0.05)]
 )
@@ -128,6 +131,7 @@ def test_delay_beyond_20_ms_stops_the_robot_and_a_little_does_not(delay, jitter)
     world.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.03, 0.1])
 def test_a_link_that_is_slow_from_the_beginning_is_never_armed(delay):
     world = World(to_device=WireFaults(delay=delay), to_host=WireFaults(delay=delay))

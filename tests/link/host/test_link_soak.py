@@ -18,10 +18,12 @@ def check(outcomes) -> None:
     assert len(happened) >= 6
 
 
+@pytest.mark.slow
 def test_random_schedules_never_let_current_flow_that_no_fresh_command_asks_for():
     check(soak(range(20)))
 
 
+@pytest.mark.slow
 def test_a_device_that_does_not_look_at_the_age_of_commands_is_found_out(monkeypatch):
     monkeypatch.setattr("omnimj.link.device.limits.check_command_age", lambda age, valid_for: None)
     assert max(one.unasked for one in soak(range(4))) > 0.01

@@ -68,6 +68,7 @@ def listener(world: World, key=None, mode=LinkMode.READONLY, **changed) -> Link:
     return Link(host, Tap(world), key=secret, mode=mode, clock=lambda: world.wire.now)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", [None, KEY], ids=["without key", "keyed"])
 def test_a_passive_host_that_joins_late_reads_what_the_driving_host_reads(key):
     world = driven(key)
@@ -110,6 +111,7 @@ def test_where_no_host_drives_a_passive_one_ends_with_one_line():
     world.close()
 
 
+@pytest.mark.slow
 def test_a_passive_host_refuses_another_device_and_another_key():
     world = driven(KEY)
     with pytest.raises(LinkLost, match="another device answers: "):
@@ -121,6 +123,7 @@ def test_a_passive_host_refuses_another_device_and_another_key():
     world.close()
 
 
+@pytest.mark.slow
 def test_the_repeated_challenge_does_not_disturb_its_host_nor_begin_a_session():
     world = driven(KEY)
     dropped = world.link.host.dropped

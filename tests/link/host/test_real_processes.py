@@ -192,6 +192,7 @@ def seen(port: int) -> Telemetry:
         link.close()
 
 
+@pytest.mark.slow
 def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, measured):
     with driving(tap) as host:
         host.kill()
@@ -230,6 +231,7 @@ def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, 
     assert seen(port).fault is FaultCode.NONE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number",
     [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)],
@@ -283,6 +285,7 @@ def test_a_readonly_host_follows_another_hosts_run(capsys):
     assert f"udp:{own}, readonly; " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_rehearsing_host_moves_nothing(tap, capsys):
     words = ("--set", "duration=0.2", "--plant", tap.address, "--dry-run")
     assert main([*DRIVE, *words]) in (0, 1)
@@ -327,6 +330,7 @@ def device_in_thread(*argv: str) -> Iterator[int]:
     assert codes == [130]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begun", representative(device_in_thread, device))
 def test_with_the_same_key_a_run_is_driven_and_with_another_one_refused(begun, keys, capsys):
     right, wrong = keys

@@ -101,6 +101,7 @@ def driven_folder(tmp_path, monkeypatch):
     return out, code
 
 
+@pytest.mark.slow
 def test_a_run_keeps_every_frame_and_they_are_diagnosed_as_the_run_was(driven_folder, tmp_path, monkeypatch):
     out, code = driven_folder
     assert code in (0, 1)

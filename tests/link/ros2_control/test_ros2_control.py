@@ -70,6 +70,7 @@ def driven(program, address: str, calibration: Path, key: Path | str = "", cycle
     return done.returncode, {name: float(value) for name, value in states.items()}, done.stderr
 
 
+@pytest.mark.slow
 def test_the_package_compiles_without_a_warning(program):
     assert program.is_file()
 
@@ -87,6 +88,7 @@ def test_its_files_name_each_other():
     assert set(re.findall(r"src/\w+\.cpp", cmake)) == {f"src/{p.name}" for p in (PACKAGE / "src").iterdir()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

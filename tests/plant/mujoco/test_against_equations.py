@@ -53,6 +53,7 @@ def test_the_rig_twin_drives_as_its_equations(rig, floors, floor, mass, measured
         assert error <= 0.010, current
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lateral_speed", representative(0.65, -0.35, 0.2, 0.35, 0.5, -0.2, -0.5, -0.65, keep=2)
 )
@@ -68,6 +69,7 @@ def test_rolling_resistance_acts_on_the_carriage_as_in_the_equations(rig, floors
     assert carriage_error(heavy, floors["natural_stone"], 3.9593, 0.9, 0.0, 0.9) <= 0.010
 
 
+@pytest.mark.slow
 def test_rolling_resistance_takes_its_torque_from_the_robot_s_wheels(robot, floors):
     heavy = dataclasses.replace(robot, wheel=dataclasses.replace(robot.wheel, rolling_resistance=0.03))
     command = CurrentCommand(np.array([0.0, -0.9, 0.0, 0.9]))
@@ -98,6 +100,7 @@ def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth,
     assert angular <= 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("floor", "eighth"), latin(("natural_stone", "linoleum"), range(8)))
 def test_the_robot_twin_drives_as_the_planar_model_on_soft_floors(robot, soft, floor, eighth, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
@@ -120,6 +123,7 @@ def test_the_rig_twin_drives_as_its_equations_on_a_soft_floor(rig, floors, later
         assert error <= 0.010, current
 
 
+@pytest.mark.slow
 def test_turning_on_the_spot_the_two_rows_scrub_which_the_planar_model_lacks(robot, floors, measured):
     one_row = dataclasses.replace(robot, wheel=dataclasses.replace(robot.wheel, row_offset=0.0))
     scrubbing, single = (planar_error(machine, floors, np.full(4, 0.6))[1] for machine in (robot, one_row))
@@ -129,6 +133,7 @@ def test_turning_on_the_spot_the_two_rows_scrub_which_the_planar_model_lacks(rob
     assert 2.0 * single < scrubbing <= 0.1
 
 
+@pytest.mark.slow
 def test_on_the_diagonal_at_low_current_the_rollers_inertia_is_what_the_planar_model_lacks(
     robot, floors, measured
 ):
@@ -144,6 +149,7 @@ def test_on_the_diagonal_at_low_current_the_rollers_inertia_is_what_the_planar_m
     assert light_error < heavy_error <= 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eighth", representative(1, 4, 0, 2, 3, 5, 6, 7, keep=2))
 def test_driving_and_turning_at_once_the_twin_drives_as_the_planar_model(robot, floors, eighth, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])

@@ -39,6 +39,7 @@ def positions(plant, instants):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "floor", representative("natural_stone", "linoleum", "dry_asphalt", "soft_mat", keep=2)
 )
@@ -75,6 +76,7 @@ def test_the_rig_twin_with_another_mass_has_the_traction_of_its_load(rig, floors
     assert loads[0] / loads[1] == pytest.approx(3.9593 / 1.9593, rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("floor", "turning"), latin(CREEP, [2.0, -300.0, 40.0]))
 def test_wheels_thrown_on_at_any_speed_saturate_and_come_to_rest(robot, floors, floor, turning):
     twin = RobotTwin(robot, floors[floor], ideal_sensors=True)
@@ -89,6 +91,7 @@ def test_wheels_thrown_on_at_any_speed_saturate_and_come_to_rest(robot, floors, 
     assert np.abs(twin.mj_data.qvel).max() < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", CREEP)
 def test_a_pushed_robot_holds_below_the_limit_and_slides_above(robot, floors, floor):
     n = floors[floor].numbers
@@ -107,6 +110,7 @@ def test_a_pushed_robot_holds_below_the_limit_and_slides_above(robot, floors, fl
         assert slides or abs(twin.mj_data.qvel[0]) < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("floor", "direction"), latin(["natural_stone", "linoleum"], [0.0, math.pi / 4.0]))
 def test_a_twin_without_other_friction_stands_below_the_rolling_resistance_and_rolls_above(
     robot, soft, floor, direction

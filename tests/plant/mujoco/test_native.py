@@ -63,6 +63,7 @@ def test_a_saved_state_goes_on_as_the_original_did(mj_model):
     assert np.array_equal(state_of(mj_model, d), state_of(mj_model, other))
 
 
+@pytest.mark.slow
 def test_every_integrator_comes_to_the_same_motion(robot, floors):
     ends = {}
     for integrator in ("EULER", "IMPLICIT", "IMPLICITFAST", "RK4"):

@@ -40,6 +40,7 @@ def test_at_rest_the_floor_carries_the_weight_and_nothing_moves(robot, floors, f
     assert np.abs(twin.mj_data.qvel).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_a_resting_robot_drifts_less_than_a_tenth_of_a_millimetre_in_a_minute(robot, floors, measured):
     twin = RobotTwin(robot, floors["natural_stone"], ideal_sensors=True)
     twin.reset()
@@ -60,6 +61,7 @@ def test_a_dropped_robot_lands_on_its_wheels_and_comes_to_rest(robot, floors):
     assert felt(twin)["normal_force"].sum() == pytest.approx(robot.body.mass * 9.81, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("floor", "force"),
     latin(["natural_stone", "dry_asphalt", "paperboard", "pvc"], [(60.0, 0.0), (0.0, -80.0), (50.0, 50.0)]),
@@ -79,6 +81,7 @@ def test_a_pushed_robot_stops_and_stays(robot, floors, floor, force):
     assert np.abs(twin.mj_data.qpos[:2] - stopped).max() < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", FLOORS)
 def test_traction_and_roller_friction_only_take_energy_out(robot, floors, floor):
     twin = RobotTwin(robot, floors[floor], ideal_sensors=True)

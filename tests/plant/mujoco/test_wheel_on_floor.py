@@ -63,6 +63,7 @@ def settled_bristle(floor, slip):
     return math.copysign(g / n["sigma_0"], slip)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLOORS)
 def test_a_clamped_carriage_shows_the_closed_form_of_its_floor(rig, floors, name, measured):
     twin = RigTwin(rig, floors[name], ideal_sensors=True)

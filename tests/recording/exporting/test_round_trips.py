@@ -63,6 +63,7 @@ def test_times_and_values_come_back_and_units_are_kept(tmp_path, suffix):
         assert found.unit == column_unit(name), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", WRITERS)
 @given(seed=st.integers(0, 2**32))
 def test_every_double_comes_back_bit_for_bit_as_it_was(tmp_path_factory, suffix, seed):

@@ -149,6 +149,7 @@ def whole(tmp_path_factory):
     return found
 
 
+@pytest.mark.slow
 @given(st.data())
 @pytest.mark.parametrize("writer", ["bag in SQLite", "MCAP, zstd", "MCAP, plain"])
 def test_cut_flipped_and_random_files_are_read_or_refused_in_one_line(tmp_path_factory, whole, writer, data):
@@ -172,6 +173,7 @@ def test_cut_flipped_and_random_files_are_read_or_refused_in_one_line(tmp_path_f
         assert len({len(column.values) for column in table.columns.values()}) == 1
 
 
+@pytest.mark.slow
 @given(place=st.integers(0, 2**32), bit=st.integers(0, 7))
 def test_a_flipped_bit_anywhere_in_an_mcap_file_is_seen_or_changes_no_value(
     tmp_path_factory, whole, place, bit
@@ -240,6 +242,7 @@ def test_a_database_of_another_program_is_refused(tmp_path):
     assert "is not a whole ROS 2 bag" in refused(path)
 
 
+@pytest.mark.slow
 def test_deeply_nested_metadata_is_refused(tmp_path):
     path = WRITERS["bag in SQLite"](tmp_path, drive(count=8))
     (path / "metadata.yaml").write_text("[" * 2000)

@@ -277,6 +277,7 @@ VALUES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.sampled_from(KINDS), st.dictionaries(st.sampled_from(DRIVE_KEYS), VALUES, max_size=6))
 def test_any_table_gives_a_finite_reference_or_one_input_error(kind, table):

@@ -243,6 +243,7 @@ VALUES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(key=st.one_of(KEYS, st.text(max_size=12)), value=VALUES)
 def test_any_override_gives_a_scenario_or_one_clear_line(key, value):
     try:

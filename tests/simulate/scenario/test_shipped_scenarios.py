@@ -64,6 +64,7 @@ def test_a_scenario_passes_its_checks_on_the_twin(name):
     require_checks_that_pass_and_can_fail(driven(name, plant="twin"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "healed", "check"),
     [

@@ -21,6 +21,7 @@ TRAVEL = float(AXIS.mj_model.jnt_range[0, 1])
 (DRIVE,) = AXIS.drives
 
 
+@pytest.mark.slow
 def test_every_motion_stays_on_the_guide_and_below_the_force():
     for run in axis_moves():
         assert np.abs(run.columns["position"]).max() < TRAVEL
@@ -28,6 +29,7 @@ def test_every_motion_stays_on_the_guide_and_below_the_force():
         assert np.ptp(run.columns["position"]) > 0.05 * TRAVEL
 
 
+@pytest.mark.slow
 def test_every_motion_goes_both_ways():
     for run in axis_moves(seconds=8.0):
         speed = np.diff(run.columns["position"])
@@ -64,6 +66,7 @@ def test_a_declared_force_of_a_weak_drive_is_that_of_its_current():
     assert logged @ true / (true @ true) == pytest.approx(1.0 / 0.8, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_any_machine_is_recorded_and_its_true_effect_leaves_only_noise(tmp_path):
     order = ["record", "machine_moves", "--model", str(SERVO), "--repeats", "1", "--seed", "3"]
     hidden = ["--effect", "viscous:coefficient=0.05", "--out", str(tmp_path / "data")]

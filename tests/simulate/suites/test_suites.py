@@ -62,6 +62,7 @@ def planned(name, plans):
 # -- the plans -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_identification_drives_every_current_on_every_floor(plans):
     conditions = {(c.conditions["floor"], round(c.drive.current.max(), 2)) for c in plans["rig_currents"]}
     floors = ("natural_stone", "pvc", "paperboard")
@@ -70,6 +71,7 @@ def test_identification_drives_every_current_on_every_floor(plans):
     assert {c.conditions["mass"] for c in plans["rig_currents"]} == {3.9593}
 
 
+@pytest.mark.slow
 def test_validation_drives_the_72_cases_of_table_4_2(plans):
     conditions = {
         (c.conditions["floor"], c.conditions["mass"], round(c.drive.current.max(), 2))
@@ -117,6 +119,7 @@ def test_a_constant_current_follows_a_rest(plans, name):
         assert begin >= 50 and (current[begin:] == current[-1]).all()
 
 
+@pytest.mark.slow
 def test_the_mixed_suite_reverses_coasts_and_brakes_and_stays_on_the_rail(plans, rig):
     """On the twin of the nominal rig; cut short are only runs whose sideways travel ends."""
     for condition in plans["rig_mixed"]:
@@ -225,6 +228,7 @@ def test_another_seed_drives_other_missions(tmp_path, monkeypatch):
     assert np.hypot(*np.subtract(*ends)) > 0.05
 
 
+@pytest.mark.slow
 def test_an_axis_dataset_declares_the_mass_that_was_put_on(tmp_path):
     recorded(tmp_path, "axis_moves", "slow_a", "with_payload_a")
     slow, loaded = read_dataset(tmp_path).runs

@@ -87,6 +87,7 @@ def test_a_stop_takes_no_ramp_and_ignores_keys_for_a_moment(stopper):
     assert not still.any() and twists[-1, 0] > 0.25, "a key that is held on drives on"
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 1500), st.sampled_from(sorted(Key, key=str))), max_size=60),

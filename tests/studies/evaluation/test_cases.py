@@ -45,6 +45,7 @@ def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
         assert not {case.noise for case in others} & {case.noise for case in again}
 
 
+@pytest.mark.slow
 def test_other_faults_or_floors_change_nothing_else_of_a_case():
     for k in range(16):
         case = draw_cases(CasePopulation("missions", 100), [k])[0]
@@ -131,6 +132,7 @@ def test_twenty_eight_cases_of_two_faults_have_each_pair_of_the_eight_once():
     assert all(one != other for k, one in enumerate(orders) for other in orders[:k])
 
 
+@pytest.mark.slow
 def test_among_other_classes_pairs_come_in_turn_too():
     choice = CasePopulation("missions", 100, faults=("none", "slip", "two"))
     pairs = [pair_of(case) for case in draw_cases(choice, range(400)) if case.fault == "two"]
@@ -204,6 +206,7 @@ def test_the_true_robot_differs_from_the_nominal_one_within_its_bounds_and_the_d
     assert nominal == read_robot()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", PLANTS)
 def test_both_plants_carry_the_heaviest_and_the_lightest_robot_on_every_floor(plant):
     nominal, case = read_robot(), MANY[0]

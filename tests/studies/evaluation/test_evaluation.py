@@ -85,6 +85,7 @@ def test_a_perfect_method_gets_everything_right(tmp_path, monkeypatch):
     assert summary.heading.median == summary.heading.worst == 1.0  # it recovers nothing and harms nothing
 
 
+@pytest.mark.slow
 def test_a_perfect_estimate_has_no_error(tmp_path, monkeypatch):
     substitute_method(monkeypatch, perfect)
     monkeypatch.setattr(trial, "time_after_use", partial(trial.time_after_use, seconds=0.5))
@@ -106,6 +107,7 @@ def wolf(tmp_path_factory) -> EvaluationResult:
         return run_evaluation(order, quiet, InlineExecutor())
 
 
+@pytest.mark.slow
 def test_false_alarms_of_a_method_are_counted(wolf):
     summary = wolf.summary
     healthy = sum(summary.confusion["none"].values())
@@ -119,6 +121,7 @@ def test_false_alarms_of_a_method_are_counted(wolf):
     assert slips and not any(s.isolated for s in slips)
 
 
+@pytest.mark.slow
 def test_rows_of_the_confusion_matrix_sum_to_the_cases(wolf):
     rows = wolf.summary.confusion
     assert sum(sum(row.values()) for row in rows.values()) == 12
@@ -129,6 +132,7 @@ def test_rows_of_the_confusion_matrix_sum_to_the_cases(wolf):
     assert all(sum(int(cell or 0) for cell in row[1:-1]) == int(row[-1]) for row in table.rows)
 
 
+@pytest.mark.slow
 def test_one_that_was_broken_off_goes_on_where_it_stood_and_ends_with_the_same_numbers(tmp_path):
     choice = dataclasses.replace(SHORT, duration=3.0)
     whole = EvaluationConfig(tmp_path / "whole", choice, trials=6)
@@ -187,6 +191,7 @@ def test_the_structure_is_stated_everywhere_and_a_folder_holds_one(tmp_path):
             run_evaluation(again, quiet, InlineExecutor())
 
 
+@pytest.mark.slow
 def test_a_case_that_breaks_is_counted_and_takes_no_other_with_it(tmp_path, monkeypatch):
     whole = trial.excursions
 
@@ -259,6 +264,7 @@ def test_the_confusion_matrix_tells_the_cases_of_each_cell_and_marks_the_correct
     assert words == {(0, 0): "3", (0, 1): "1", (1, 1): "2", (2, 1): "1"}
 
 
+@pytest.mark.slow
 def test_an_evaluation_is_a_table_in_a_notebook_and_in_frames(wolf):
     pyarrow = pytest.importorskip("pyarrow")
     text = wolf._repr_html_()

@@ -96,6 +96,7 @@ def test_bad_orders_are_refused_in_one_line(tmp_path, capsys):
     assert "makes its own data" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_table_and_writes_a_page(tmp_path, searches, monkeypatch, capsys):
     monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     argv = ["gap", "--benchmark", "--cases", "1", "--made-by", "planar", "--out", str(tmp_path)]

@@ -47,6 +47,7 @@ def test_half_of_the_cases_with_effects_hide_several_and_a_third_of_the_machines
     assert {c.structure.kind for c in own if c.structure} == set(STRUCTURES)
 
 
+@pytest.mark.slow
 def test_every_truth_is_a_machine_that_can_be_and_its_constants_lie_inside_their_boxes():
     boxes = {p.name: p for p in base_parameters(read_rig(), read_floors(), FLOORS, ())}
     for case in CASES:
@@ -106,6 +107,7 @@ def test_a_disturbance_without_variation_is_the_effect_that_it_degenerates_to(tm
             assert close.mean() > 0.99, (outside.kind, name)
 
 
+@pytest.mark.slow
 def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path, monkeypatch):
     straight, sideways = 1, 8  # a run that reverses, and the first one that moves sideways as well
     monkeypatch.setattr(datasets, "_PLAN", (datasets._PLAN[straight], datasets._PLAN[sideways]))

@@ -56,6 +56,7 @@ def hiding(plant="servo_arm", *effects: tuple[str, dict], maker=MUJOCO):
 GEAR = ("back_driving", {"efficiency": 0.85, "actuator": "motor"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "hidden"),
     representative(
@@ -113,6 +114,7 @@ def test_a_seed_draws_the_same_cases_and_every_kind_of_them():
     assert hidden == {c.effect for c in machine_library("servo_arm").candidates}
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_dataset_names_its_model_and_nothing_of_the_truth(tmp_path):
     case = hiding("servo_arm", PRESENT[0], maker=MUJOCO)
     make_machine_dataset(case, tmp_path / "case_000")
@@ -143,6 +145,7 @@ def test_a_machine_of_the_benchmark_is_shipped_or_a_file():
         benchmark_plant("servo")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", representative("cart_pole", "pan_tilt", "gripper", "leg", "arm7"))
 def test_every_joint_of_a_machine_moves_and_follows_its_plan_where_it_is_driven(name):
     library = machine_library(str(MACHINES / f"{name}.xml"))

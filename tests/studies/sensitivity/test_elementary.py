@@ -63,6 +63,7 @@ def test_of_a_linear_function_every_effect_is_its_slope():
         assert one.sigma == pytest.approx(0.0, abs=1e-12) and one.count == 5
 
 
+@pytest.mark.slow
 def test_of_the_g_function_mu_star_is_its_closed_form():
     # on the four places |4x − 2| is 2, 2/3, 2/3, 2: every step changes it by 4/3, its mean is 4/3
     own = (4.0 / 3.0) / STEP / (1.0 + A)
@@ -75,6 +76,7 @@ def test_of_the_g_function_mu_star_is_its_closed_form():
     assert [one.mu / one.mu_star for one in found] == pytest.approx([0.0] * len(A), abs=0.05)
 
 
+@pytest.mark.slow
 def test_of_ishigami_s_function_mu_star_and_sigma_are_those_of_the_whole_grid():
     places = np.arange(LEVELS) / (LEVELS - 1)
     found = measured_of(effects_of(ishigami, 3, 6000))
@@ -119,6 +121,7 @@ def test_a_parameter_without_any_effect_has_no_measure():
     assert found[1].count == 2 and found[1].mu_star == 2.0
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_their_level():
     random, held = np.random.default_rng(3), 0
     for _ in range(300):

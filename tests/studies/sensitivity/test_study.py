@@ -47,6 +47,7 @@ def driven(tmp_path_factory) -> tuple[Path, InlineExecutor, SensitivityResult]:
     return out, executor, run_sensitivity(order_of(out), quiet, executor)
 
 
+@pytest.mark.slow
 def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path, driven):
     folder, first, outcome = driven
     shutil.copytree(folder, tmp_path / "out")
@@ -72,12 +73,14 @@ def test_the_floor_is_the_effect_of_noise_or_the_smallest_measurable_change(driv
     assert outcome.repeats == REPEATS
 
 
+@pytest.mark.slow
 def test_every_executor_gives_the_same_numbers(tmp_path, driven):
     with ThreadPoolExecutor(2) as executor:
         run_sensitivity(order_of(tmp_path / "out"), quiet, executor)
     assert numbers(tmp_path / "out") == numbers(driven[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "other",
     [
@@ -117,6 +120,7 @@ def test_a_folder_with_something_else_is_left_alone(tmp_path):
         run_sensitivity(order_of(tmp_path), quiet, InlineExecutor())
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_driven_and_reports_it(tmp_path):
     def interrupted(phrase: str, share: float) -> None:
         if share > 0.5:
@@ -130,6 +134,7 @@ def test_ctrl_c_keeps_what_was_driven_and_reports_it(tmp_path):
     assert len(rest.calls) == REPEATS + 2 * (RIG + 1) - outcome.runs - outcome.repeats
 
 
+@pytest.mark.slow
 def test_a_run_that_breaks_down_costs_its_own_effects_alone_and_is_tried_again(tmp_path, monkeypatch):
     drive, broken = trial.drive_with, []
 
@@ -163,6 +168,7 @@ def test_nothing_of_that_origin_and_no_such_origin_are_refused(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_what_the_planar_robot_does_not_have_changes_exactly_nothing(tmp_path):
     outcome = run_sensitivity(order_of(tmp_path / "out", SHORT_ROBOT, 1), quiet, InlineExecutor())
     absent = ("body.suspension_", "contact.", "wheel.mass", "wheel.roller_radius", "sensors.carriage_")
@@ -201,6 +207,7 @@ def travel(x):
     return 0.5 * drive / (mass + (inertia + rotor * efficiency * ratio**2) / radius**2) * TIME**2
 
 
+@pytest.mark.slow
 def test_the_rig_s_travel_at_constant_current_is_ranked_as_sobol_ranks_its_closed_form(tmp_path):
     settings = (f"duration={TIME}", f"current={CURRENT}", "checks={}")
     config = dataclasses.replace(SHORT_RIG, overrides=settings)

@@ -183,6 +183,7 @@ def test_the_shipped_robot_has_the_figures_that_its_file_states():
     assert all(m.crossover == pytest.approx(4.4 / (2.0 * np.pi), rel=0.02) for m in heading)
 
 
+@pytest.mark.slow
 def test_a_robot_whose_yaw_loop_has_no_margin_left_swings_and_one_with_half_of_that_gain_does_not():
     critical = 7.0
     while smallest_margin(of(ROBOT, yaw_rate_proportional=critical), YAW_RATE).phase > 0.0:

@@ -47,6 +47,7 @@ def test_another_folders_worker_reads_the_same_scenario(order, tmp_path, monkeyp
     assert "facts" in here and drive_trial(draw, {}, None) == here
 
 
+@pytest.mark.slow
 def test_gains_before_that_break_a_judging_run_down_are_reported_before_the_search(order, monkeypatch):
     drive, driven = trial.drive_trial, []
 

@@ -95,6 +95,7 @@ def test_a_thread_finds_what_is_found_at_once(order, tmp_path):
     assert format_gains_file(other, "omnimj tune") == text
 
 
+@pytest.mark.slow
 def test_what_is_found_is_never_worse_than_the_gains_before_on_the_draws_it_was_tuned_with(tuned):
     first = tuned.tried[0].score
     assert first.cost == pytest.approx(1.0) and first.violation == 0.0
@@ -105,6 +106,7 @@ def test_what_is_found_is_never_worse_than_the_gains_before_on_the_draws_it_was_
     assert tuned.is_better == verdict.after.is_better_than(verdict.before)
 
 
+@pytest.mark.slow
 def test_a_gain_that_makes_no_difference_stays_where_it_was(tuned):
     before = Gains(read_robot().control)
     assert tuned.gains.value(IDLE) == before.value(IDLE)
@@ -139,6 +141,7 @@ def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_h
     assert outcome.comparisons == of_model.comparisons
 
 
+@pytest.mark.slow
 def test_the_file_is_read_again_as_the_gains_that_were_found_and_states_its_origin(tuned, order):
     begun = Gains(read_robot().control).changed({"control.speed_integral": 2.0, "observer.memory": 60.0})
     for outcome in (
@@ -196,6 +199,7 @@ def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_with_an_e
         run_tuning(order, quiet, InlineExecutor())
 
 
+@pytest.mark.slow
 def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypatch):
     drive_trial = trial.drive_trial
 

@@ -34,7 +34,7 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import all_diagnoses
 from omnimj.control.expected_floor import largest_drag
 from omnimj.control.gains import ObserverGains
-from omnimj.control.records import Record, copied, opened, packed
+from omnimj.control.records import Record, copied, opened, packed, plain_array
 from omnimj.parameters import Floor, Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement, compiled_in, robot_channels
@@ -181,9 +181,8 @@ class RobustDetector:
         """
         m, known = measurement, command is not None
         command = m.current if command is None else command
-        sample = Sample(
-            float(m.time), m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias, known, command
-        )
+        arrays = plain_array(m.current), plain_array(m.wheel_speed), plain_array(m.acceleration)
+        sample = Sample(float(m.time), *arrays, float(m.yaw_rate), float(bias), known, plain_array(command))
         samples = copied(state.samples)
         if _take_sample(self.packed_sampling, samples, sample):
             return self._judge(state, samples, m)
@@ -193,7 +192,7 @@ class RobustDetector:
         """State after a full block."""
         evidence, judged, decisions = copied(state.memory), copied(state.judged), state.decisions
         time = float(measurement.time)
-        if _judge_block(self.packed_constants, samples, evidence, judged, measurement.yaw, time):
+        if _judge_block(self.packed_constants, samples, evidence, judged, float(measurement.yaw), time):
             found = opened(evidence[0], Evidence)
             decisions = decide_block(self.thresholds, found, judged, decisions, time, self.channels)
         estimate = FaultEstimate.unpack(judged["estimate"])

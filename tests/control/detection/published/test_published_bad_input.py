@@ -42,6 +42,7 @@ MEASUREMENTS = st.builds(
 RIG_MEASUREMENTS = st.builds(RigMeasurement, *([ANY] * 6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 @settings(max_examples=60)
 @given(found=st.lists(MEASUREMENTS, min_size=1, max_size=12))

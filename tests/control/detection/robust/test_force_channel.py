@@ -153,6 +153,7 @@ def test_wheels_that_roll_measure_the_velocity():
     assert rolling_velocity(C, speed, twist[2]) == pytest.approx(twist[:2])
 
 
+@pytest.mark.slow
 def test_whitened_noise_has_the_size_one():
     rng = np.random.default_rng(0)
     slowest, sideways = np.array([0.1, 9, 9, 9.0]), np.array([1.0, 1, 0.01, 1])
@@ -245,6 +246,7 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_aro
         assert found.deviation[h] == pytest.approx(deviation, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_sums_over_windows_are_those_of_their_last_blocks_however_many_came_and_however_large_they_were():
     rng, history, pushed = np.random.default_rng(12), initial_history(P), []
     for number in range(1500):
@@ -297,6 +299,7 @@ def test_a_loss_counts_only_beyond_four_of_its_own_deviations(loss, share):
     assert significant_losses(theta, cov, 4)[3] == (loss if loss > 4.0 * deviation else 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 3, 25])
 def test_the_inverse_by_cholesky_is_that_by_pivots(size):
     root = np.random.default_rng(size).normal(size=(size, size + 2))

@@ -108,6 +108,7 @@ def test_a_force_that_swings_is_uncertain_along_its_wheel_by_its_change_in_the_t
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rough", "fails"), [((0,), True), ((0, 1), True), ((0, 1, 2, 3), False)])
 def test_a_wheel_is_too_noisy_unless_most_wheels_shake(rough, fails):
     steps, failed = np.zeros((3, 2 * N + 3)), np.zeros(2 * N + 3, bool)
@@ -117,6 +118,7 @@ def test_a_wheel_is_too_noisy_unless_most_wheels_shake(rough, fails):
     assert failed[[N + wheel for wheel in rough]].tolist() == [fails] * len(rough)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (60, 119, 141, 165, 169))]
 )

@@ -56,6 +56,7 @@ def evidences(draw):
     return evidence, failed
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(evidences())
 def test_after_an_uneventful_block_the_decisions_would_have_changed_nothing(given_block):
@@ -99,6 +100,7 @@ def diagnoses(draw):
     return Diagnosis(-9.0, kind, () if kind == "all_wheel_slip" else (wheel,), 0.9, cleared=cleared)
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None)
 @given(
     evidences(),

@@ -50,6 +50,7 @@ def observed(measurements):
     return states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", representative(6, 1, 2, 3))
 def test_a_healthy_robot_behind_a_busy_host_raises_no_alarm(seed):
     trace = driven_by_a_busy_host(seed)
@@ -58,6 +59,7 @@ def test_a_healthy_robot_behind_a_busy_host_raises_no_alarm(seed):
     assert trace.about["diagnoses"] == []
 
 
+@pytest.mark.slow
 def test_a_busy_host_hides_no_fault():
     weak = driven_by_a_busy_host(5, faults=(WEAK,)).about["diagnoses"]
     assert [(d["kind"], tuple(d["wheels"])) for d in weak] == [("motor", (2,))]
@@ -75,6 +77,7 @@ def test_over_a_nylon_patch_only_the_wheel_on_it_slips(seed):
     assert [(d["kind"], tuple(d["wheels"])) for d in trace.about["diagnoses"]] == [("slip", (1,))]
 
 
+@pytest.mark.slow
 def test_a_reading_that_comes_again_changes_nothing():
     rows = np.arange(3000)
     once, again = (observed(readings(driven(), k)) for k in (rows, np.repeat(rows, 3)))

@@ -110,6 +110,7 @@ def test_slip_counts_only_beyond_the_oscillation_of_the_wheel():
     assert _slipped(0.0, 0.3) - _slipped(shaken**2, 0.3) == pytest.approx(shaken, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number", [14, *(pytest.param(k, marks=pytest.mark.slow) for k in (9, 33, 52, 58, 70))]
 )

@@ -63,6 +63,7 @@ def test_a_wheel_has_as_many_ripples_per_turn_as_rollers():
     assert ROLLERS == ROBOT.wheel.rows * ROBOT.wheel.rollers_per_row == 18
 
 
+@pytest.mark.slow
 def test_ripple_of_any_phase_is_learnt_within_three_seconds_at_each_wheel():
     phases = np.array([0.3, 2.0, -1.0, 3.0])
     _, known, true = driven(400, lambda angle: 2.0 * np.sin(ROLLERS * angle + phases))
@@ -111,6 +112,7 @@ def test_phase_follows_the_angle_through_reversals_and_stays_within_a_turn():
     assert np.exp(1j * ripple[PHASE]) == pytest.approx(np.exp(1j * ROLLERS * angle))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "number"),
     [

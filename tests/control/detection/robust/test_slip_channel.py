@@ -162,6 +162,7 @@ def test_slip_within_the_creep_of_a_healthy_wheel_is_discarded():
     assert counted(8.0, ALLOWED, 400, slipping).slipped[0] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_channels_are_aligned_to_the_slowest():
     waits = alignment_delays(ROBOT, 1e-3)
     assert waits[:4] == pytest.approx(5.0) and waits[4:8] == pytest.approx(
