@@ -30,6 +30,7 @@ def _field_type(value: Any) -> Any:
     return np.dtype(type(value))
 
 
+_DOUBLE = np.dtype(np.float64)
 _TYPES: dict[Any, Any] = {}
 
 
@@ -58,11 +59,13 @@ def packed(value: Any) -> Record:
 
 
 def plain_array(values: Any) -> NDArray[np.float64]:
-    """Copy as a writable float64 array without strides.
+    """The numbers as a writable float64 array without strides; the same array where it is one.
 
     For every other type or layout of an argument a kernel is compiled anew, which takes thousands of control
     periods: a view of a log, integers, a buffer that may not be written.
     """
+    if type(values) is np.ndarray and values.dtype == _DOUBLE and values.flags.carray:
+        return values
     return np.array(values, np.float64, order="C")
 
 
