@@ -69,6 +69,7 @@ def test_the_page_overlays_the_runs_and_marks_what_failed(runs, tmp_path, capsys
         assert page.count(name) > 3
 
 
+@pytest.mark.slow
 def test_a_run_that_lacks_signals_is_left_out_of_their_plots(runs, tmp_path):
     closed, opened = sorted(runs.iterdir())
     bare = tmp_path / "bare"

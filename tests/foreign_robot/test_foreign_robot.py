@@ -105,6 +105,7 @@ def test_the_floor_carries_the_weight_and_balances_the_acceleration(driven: Log,
     assert np.ptp(normal[:, 0]) > 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["divides", "own"])
 def test_energy_is_never_created(loaded: ForeignRobot, law: GearLaw):
     """∫ K_t i ω dt covers the gain of kinetic energy less what gravity gave, at all times."""
@@ -166,6 +167,7 @@ def test_steady_current_has_a_closed_form(law: GearLaw, downhill: float):
     assert speed == pytest.approx(0.6, abs=0.1)  # the floor lets the wheels slip under load
 
 
+@pytest.mark.slow
 def test_halving_the_step_quarters_the_error(loaded: ForeignRobot):
     plan = random_mission(3, 6.0)
 
@@ -204,6 +206,7 @@ def test_each_sensor_has_its_stated_noise_and_bias():
     assert error.mean() == pytest.approx(sensors.current_offset[1], abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_healthy_robot_tracks_its_plan(seed: int):
     robot = draw_robot(seed, LAWS[seed % 3], torque_constant_spread=0.05, doubled_bearings=seed)

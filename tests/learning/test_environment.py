@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from nightly import representative
 
 import omnimj
 import omnimj.learning.simulation
@@ -30,7 +31,7 @@ from omnimj.simulate.suites.missions import mission
 
 ROOT = Path(omnimj.__file__).parent.parent
 ROBOT = read_robot()
-PLANTS = ("planar", "twin")
+PLANTS = representative("planar", "twin")
 LINE = {"kind": "profile", "speed": 0.6, "acceleration": 1.0, "direction": 0.7, "yaw_rate": 0.5}
 SHORT = {"drive": LINE, "duration": 0.6, "energy_weight": 0.0}
 LATE_SLIP = {"kind": "slip", "wheel": 2, "onset": 0.3, "grip": 0.3}

@@ -82,6 +82,7 @@ def pages(compared_file, rig_file):
     return {"robot": compared_file, "rig": rig_file}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", ["robot", "rig"])
 def test_every_plot_of_a_run_has_a_static_picture_in_its_page(machine, pages):
     found = STILL.findall(pages[machine].read_text(encoding="utf-8"))

@@ -62,6 +62,7 @@ def test_step_overshoots_little_and_arrives_in_time(floor):
     assert np.abs(speed[3000:] - 2.0).max() < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", FLOOR_NAMES)
 def test_ramp_of_one_metre_per_second_squared_is_followed(floor):
     target = 20.0 * np.clip(np.minimum(TIME - 0.1, 3.0 - TIME), 0.0, 1.0)

@@ -65,6 +65,7 @@ def test_the_true_axis_leaves_only_noise_with_and_without_a_stated_mass():
     assert rms(replay_of(bare))[0] > 3.0 * force
 
 
+@pytest.mark.slow
 def test_the_balance_of_a_slide_has_mass_and_armature_once():
     found = replay_of(logs()).input_balances()["force:drive"]
     force, rigid, speed = found

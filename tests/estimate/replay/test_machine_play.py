@@ -70,6 +70,7 @@ def two_masses(duration=4.0, stiffness=1e8, fine=50):
     return Two(*rows)
 
 
+@pytest.mark.slow
 def test_the_link_moves_behind_the_motor_as_the_second_of_two_masses(measured):
     states = two_masses()
     law = np.zeros(LAW)
@@ -128,6 +129,7 @@ def test_a_play_in_the_logs_is_explained_by_its_width(loose):
     assert rest[3e-4] < 0.3 * rest[0.0]
 
 
+@pytest.mark.slow
 def test_momentum_is_kept_where_motor_and_link_meet(loose):
     """The force over a landing is that of both masses: what play adds has no mean beyond its rows."""
     base = np.array([b.nominal for b in loose.base])

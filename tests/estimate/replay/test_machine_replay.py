@@ -53,6 +53,7 @@ def test_every_effect_of_typical_size_changes_a_channel(loaded):
         assert changed or candidate.label in planar, candidate.label
 
 
+@pytest.mark.slow
 def test_rigid_body_forces_are_those_of_mujoco_for_two_links():
     machine = read_machine_file(models_folder() / "two_link_arm" / "two_link_arm.xml")
     time = np.arange(0.0, 3.0, 0.002)

@@ -258,6 +258,7 @@ def test_regimes_have_a_value_in_every_block(replayed):
         assert len(values) == len(replayed.measured)
 
 
+@pytest.mark.slow
 def test_a_candidate_run_is_predicted_by_its_own_model_and_missed_by_its_rival(replayed):
     (spin,) = (e for e in replayed.candidate_experiments() if e.name == "spin_slow_0_natural_stone")
     (ahead,) = (e for e in replayed.candidate_experiments() if e.name == "ahead_fast_0_natural_stone")

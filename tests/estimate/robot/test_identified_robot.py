@@ -134,6 +134,7 @@ def test_a_gentle_drive_straight_ahead_leaves_numbers_open_and_names_a_manoeuvre
     assert any("square" in words for words in open_ones.values())
 
 
+@pytest.mark.slow
 def test_other_machines_and_too_little_motion_are_refused(foreign, tmp_path):
     write_dataset(tmp_path, {"run": drive(foreign, 1, 4.0)})
     dataset = read_dataset(tmp_path)

@@ -83,6 +83,7 @@ def test_validation_drives_the_72_cases_of_table_4_2(plans):
     assert len(plans["rig_validation"]) == 72
 
 
+@pytest.mark.slow
 def test_sideways_motion_drives_the_32_cases_of_table_4_3(plans):
     conditions = {(c.drive.lateral_speed, round(c.drive.current.max(), 2)) for c in plans["rig_lateral"]}
     speeds = [s * v for s in (1, -1) for v in (0.20, 0.35, 0.50, 0.65)]

@@ -65,6 +65,7 @@ def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path, dr
     assert len(more.calls) == RIG + 1 and numbers(tmp_path / "out")["runs"] == 3 * (RIG + 1)
 
 
+@pytest.mark.slow
 def test_the_floor_is_the_effect_of_noise_or_the_smallest_measurable_change(driven):
     *_, outcome = driven
     travel, current = study_named(outcome, "travel"), study_named(outcome, "rms_current")

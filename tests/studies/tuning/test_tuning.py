@@ -220,6 +220,7 @@ def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypa
     assert tomllib.loads(text)
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_with_all_its_pictures_and_captions(tuned, tmp_path, undrawn):
     file = tmp_path / "report.html"
     write_tuning_report(file, tuned, "omnimj tune <push>")
