@@ -17,8 +17,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # a kernel compiles on its first call, which says nothing about the example at hand; where CI is set every
 # run meets the same few examples, elsewhere each run meets new ones
-_CHANGE = {"derandomize": True, "max_examples": 40} if "CI" in os.environ else {}
-settings.register_profile("kernels", deadline=None, **_CHANGE)
+_FEW = {"derandomize": True, "max_examples": 40} if "CI" in os.environ else {}
+settings.register_profile("kernels", deadline=None, **_FEW)
 settings.load_profile("kernels")
 
 

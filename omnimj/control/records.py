@@ -59,10 +59,10 @@ def packed(value: Any) -> Record:
 
 
 def plain_array(values: Any) -> NDArray[np.float64]:
-    """The numbers as a writable float64 array without strides; the same array where it is one.
+    """The numbers as a writable, contiguous float64 array; the same array if it is one already.
 
-    For every other type or layout of an argument a kernel is compiled anew, which takes thousands of control
-    periods: a view of a log, integers, a buffer that may not be written.
+    Numba compiles a kernel anew for every other type or layout of an argument, such as a strided view,
+    integers or a read-only buffer. That takes thousands of control periods.
     """
     if type(values) is np.ndarray and values.dtype == _DOUBLE and values.flags.carray:
         return values
