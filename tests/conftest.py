@@ -16,9 +16,9 @@ from undrawn_pages import without_embedding
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # a kernel compiles on its first call, which says nothing about the example at hand; where CI is set every
-# run meets the same few examples, elsewhere each run meets new ones
-_FEW = {"derandomize": True, "max_examples": 40} if "CI" in os.environ else {}
-settings.register_profile("kernels", deadline=None, **_FEW)
+# run meets the same examples, elsewhere each run meets new ones
+settings.register_profile("kernels", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile("few", settings.get_profile("kernels"), max_examples=40)  # for .ci/run
 settings.load_profile("kernels")
 
 
