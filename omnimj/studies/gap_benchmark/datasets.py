@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.effects import RIG, with_effects
+from omnimj.effects import RIG, apply_effects, with_effects
 from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
 from omnimj.parameters import Rig, read_floors, read_rig
+from omnimj.physics.effect_terms import apply_motor_effects, terms_at
+from omnimj.physics.motor import achievable_current, motor_parameters
 from omnimj.plant.interface import RIG_CHANNELS, Plant
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar_rig import PlanarRig
@@ -174,7 +176,7 @@ def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: i
     plant: Plant = rig
     if case.unmodelled:
         context = RunContext(planned.session, planned.mass * truth.mass_scale)
-        plant = DisturbedPlant(rig, case.unmodelled, context)
+        plant = DisturbedPlant(rig, case.unmodelled, context, truth.machine)
     try:
         trace = drive_rig(plant, planned.current)
     finally:
@@ -206,10 +208,15 @@ class DisturbedPlant:
     """A rig with physics outside the library, written into its terms before every sample; a `Plant`."""
 
     def __init__(
-        self, plant: PlanarRig | RigTwin, effects: tuple[UnmodelledEffect, ...], context: RunContext
+        self,
+        plant: PlanarRig | RigTwin,
+        effects: tuple[UnmodelledEffect, ...],
+        context: RunContext,
+        machine: Rig,
     ):
         self._plant, self._effects, self._context = plant, effects, context
         self.period, self.truth_names = plant.period, plant.truth_names
+        (self._motor,) = apply_effects(machine).motors((motor_parameters(machine.motor),))
         self._own_terms = plant.effect_terms.copy()
         self._steps, self._angle = 0, 0.0
 
@@ -228,7 +235,10 @@ class DisturbedPlant:
 
     def _disturb(self, current: float) -> None:
         position, speed, wheel_speed = self._plant.truth()[:3].tolist()
-        motion = Motion(self._steps * self.period, position, speed, self._angle, current)
+        time = self._steps * self.period
+        warm = apply_motor_effects(self._motor, terms_at(self._own_terms), time, 0.0)
+        driven = achievable_current(warm, current, wheel_speed)
+        motion = Motion(time, position, speed, self._angle, driven)
         self._angle += wheel_speed * self.period
         self._plant.effect_terms[:] = self._own_terms
         for effect in self._effects:

@@ -92,7 +92,7 @@ class Motion(NamedTuple):
     wheel_angle: float
     """[rad]"""
     current: float
-    """Commanded current [A]."""
+    """Motor current, within what the supply allows at this speed [A]."""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,14 @@ import pyarrow.parquet as pq
 import pytest
 from benchmark_truths import CASES, LATE, VISCOUS, hiding
 
-from omnimj.effects import RIG, effects_of
+from omnimj.effects import RIG, effects_of, with_effects
 from omnimj.errors import InputError
 from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.estimate.replay.interface import candidate_effects
 from omnimj.parameters import read_floors, read_rig
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.read_dataset import read_dataset
+from omnimj.simulate.driving import drive_rig
 from omnimj.studies.gap_benchmark import datasets
 from omnimj.studies.gap_benchmark.cases import (
     FLOORS,
@@ -22,9 +24,15 @@ from omnimj.studies.gap_benchmark.cases import (
     case_from_dict,
     draw_cases,
 )
-from omnimj.studies.gap_benchmark.datasets import make_dataset, true_machine
+from omnimj.studies.gap_benchmark.datasets import DisturbedPlant, make_dataset, true_machine
 from omnimj.studies.gap_benchmark.seal import open_seal, seal, seals_labels
-from omnimj.studies.gap_benchmark.unmodelled import KINDS, STRUCTURES, UnmodelledEffect
+from omnimj.studies.gap_benchmark.unmodelled import (
+    KINDS,
+    STRUCTURES,
+    Motion,
+    RunContext,
+    UnmodelledEffect,
+)
 
 
 def test_every_effect_is_hidden_in_three_sizes_and_the_same_seed_hides_the_same():
@@ -128,6 +136,32 @@ def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path, mo
             for n in [min(len(run.time), len(other.time))]
         ]
         assert max(moved) > 0.01, kind
+
+
+class _Recorder:
+    """Keeps what a disturbance is given, and disturbs nothing."""
+
+    def __init__(self):
+        self.motions: list[Motion] = []
+
+    def write_terms(self, row, run, motion):
+        self.motions.append(motion)
+
+
+@pytest.mark.parametrize("effects", [{}, {"torque_constant": {"scale": 0.6}}])
+def test_a_disturbance_sees_the_current_that_the_motor_draws_where_its_supply_does_not_allow_the_command(
+    effects,
+):
+    rig, recorder = with_effects(read_rig(), effects), _Recorder()
+    plant = DisturbedPlant(
+        PlanarRig(rig, "natural_stone", mass=2.0, seed=1), (recorder,), RunContext(0.0, 2.0), rig
+    )
+    trace = drive_rig(plant, np.full(3000, 1.4))
+    seen = np.array([motion.current for motion in recorder.motions[1:]])
+    settled = slice(200, None)
+    measured = trace["current"][: len(seen)][settled]
+    assert measured[-500:].mean() < 1.0  # far less than commanded
+    assert np.abs(seen[settled] - measured).mean() < 0.03
 
 
 def test_a_dataset_holds_what_a_logger_records_and_nothing_of_the_truth(tmp_path):
