@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lsim
 
-from omnimj.estimate.replay.mjcf.kernels import effective_commands
+from omnimj.estimate.replay.mjcf.kernels import CommandPath, effective_commands
 
 PERIOD, ROWS = 0.005, 400
 lags = st.floats(-4.0, -0.5).map(lambda power: 10.0**power)
@@ -15,7 +15,8 @@ lags = st.floats(-4.0, -0.5).map(lambda power: 10.0**power)
 def received(commands, lag):
     found = np.empty(len(commands))
     stretches = np.array([[0, len(commands), 0, 0]])
-    effective_commands(commands, stretches, 0.0, lag, PERIOD, -np.inf, np.inf, False, found)
+    path = CommandPath(0.0, lag, -np.inf, np.inf)
+    effective_commands(commands, stretches, PERIOD, path, False, found)
     return found
 
 

@@ -22,7 +22,7 @@ from omnimj.estimate.replay.mjcf.kernels import (
     PLAY,
     REST_SPEED,
 )
-from omnimj.estimate.replay.mjcf.play import follow_links, follow_motors
+from omnimj.estimate.replay.mjcf.play import Drive, JointMotion, follow_links, follow_motors
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Dataset
@@ -79,7 +79,8 @@ def test_the_link_moves_behind_the_motor_as_the_second_of_two_masses(measured):
     acceleration = np.gradient(speed, PERIOD)
     mass = np.full(len(speed), MASS - DRIVE_MASS)
     found, stretches = np.empty((4, len(speed))), np.array([[0, len(speed), 0, 0]])
-    follow_links(law, stretches, PERIOD, position, speed, acceleration, mass * acceleration, mass, found)
+    motion = JointMotion(position, speed, acceleration, mass * acceleration, mass)
+    follow_links(law, stretches, PERIOD, motion, found)
     gap = np.abs(found[0] - states.gap)
     measured("gap of play against two masses, mean over the width [1]", gap.mean() / WIDE, 0.03)
     assert gap.mean() < 0.03 * WIDE
@@ -97,9 +98,9 @@ def test_the_motor_moves_before_the_link_as_the_first_of_two_masses(measured):
     forces = force_at(np.arange(len(states.speed)) * PERIOD)
     position, speed = states.position.copy(), states.speed.copy()
     acceleration, mass = np.gradient(speed, PERIOD), np.full(len(speed), MASS - inertia)
-    columns = (forces, position, speed, acceleration, mass * acceleration, mass)
+    motion = JointMotion(position, speed, acceleration, mass * acceleration, mass)
     found, stretches, on = np.empty(len(speed)), np.array([[0, len(speed), 0, 0]]), np.ones(len(speed), bool)
-    follow_motors(law, stretches, PERIOD, on, *columns, found)
+    follow_motors(law, stretches, PERIOD, Drive(forces, on), motion, found)
     ahead = np.cumsum(found) * PERIOD / inertia  # speed of the motor beyond that of the link
     apart = np.abs(states.gap) < 0.49 * WIDE
     true = states.motor_speed - states.speed

@@ -282,18 +282,17 @@ class Dynamics:
             braking += laws.joints[:, ARMATURE] * play.gap[2]
             electric = laws.joints[:, VELOCITY_GAIN] * laws.joints[:, GEAR] ** 2
             braking -= np.where(log.enabled, electric, 0.0) * play.gap[1]
+        start = links, speeds, loads, gaps, braking
+        given = kernels.WindowInputs(log.times, *start, commands, log.enabled)
         for load in self._bodies.loads:
             inside = [(p.start <= chosen[:, FIRST]) & (chosen[:, FIRST] < p.stop) for p in load.parts]
-            own = chosen[np.any(inside, axis=0)]
-            start = (log.times, links, speeds, loads, gaps, braking)
-            logged = (*start, commands, log.enabled, log.size, found)
+            own = kernels.Windows(chosen[np.any(inside, axis=0)], substeps, log.size)
             if (body := self._bodies.one_joint(laws, load.stated)) is not None:
                 step = log.period / substeps
-                law = laws.joints[0]
-                free_windows_of_one_joint(body, law, curve, own, step, substeps, *logged)
+                free_windows_of_one_joint(body, laws.joints[0], curve, own, step, given, found)
                 continue
             simulated = self._simulated(laws, load.stated, substeps)
-            kernels.free_windows(arrays_of(*simulated), laws.joints, curve, own, substeps, *logged)
+            kernels.free_windows(arrays_of(*simulated), laws.joints, curve, own, given, found)
         return found
 
 
@@ -329,16 +328,8 @@ def effective_inputs(laws: Laws, log: MachineLog) -> Array:
             continue
         raw = (log.inputs[:, j] - law.reading.offset) / law.reading.scale
         late = law.delay + laws.clock - law.reading.delay
-        commands = np.empty(len(raw))
-        kernels.effective_commands(
-            np.ascontiguousarray(raw),
-            log.stretches,
-            late,
-            law.lag,
-            log.period,
-            *law.limits,
-            laws.has_force(j),
-            commands,
-        )
+        path = kernels.CommandPath(late, law.lag, *law.limits)
+        raw, commands = np.ascontiguousarray(raw), np.empty(len(raw))
+        kernels.effective_commands(raw, log.stretches, log.period, path, laws.has_force(j), commands)
         found[:, j] = commands
     return found

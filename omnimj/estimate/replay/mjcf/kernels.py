@@ -235,8 +235,21 @@ def _at(values, place, first, last, is_smooth):
     return _between(values, place, first, last) if is_smooth else value_at(values, place, first, last)
 
 
+class CommandPath(NamedTuple):
+    """Way of a command to its actuator."""
+
+    delay: float
+    """[s]"""
+    lag: float
+    """Time constant [s]."""
+    low: float
+    """Least command."""
+    high: float
+    """Largest command."""
+
+
 @kernel
-def effective_commands(raw, stretches, late, lag, period, low, high, is_smooth, commands):
+def effective_commands(raw, stretches, period, path, is_smooth, commands):
     """Commands as the actuator receives them: delayed, limited, filtered with a first-order lag.
 
     The lag is exact for commands that change in straight lines between the rows, with the share
@@ -247,24 +260,21 @@ def effective_commands(raw, stretches, late, lag, period, low, high, is_smooth, 
     Args:
       raw: Measured commands of one joint, shape (n,).
       stretches: Table of stretches.
-      late: Delay [s].
-      lag: Time constant [s].
       period: Time between rows [s].
-      low: Least command.
-      high: Largest command.
+      path: `CommandPath`.
       is_smooth: True for values between rows by cubics, False for those by straight lines.
       commands: Filled, shape (n,).
     """
     keep, missing = 0.0, 0.0
-    if lag > 1e-6:
-        keep = math.exp(-period / lag)
-        missing = (1.0 - keep) * lag / period
+    if path.lag > 1e-6:
+        keep = math.exp(-period / path.lag)
+        missing = (1.0 - keep) * path.lag / period
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
-        state = before = min(max(raw[first], low), high)
+        state = before = min(max(raw[first], path.low), path.high)
         for k in range(first, last):
-            wanted = _at(raw, k - late / period, first, last, is_smooth)
-            wanted = min(max(wanted, low), high)
+            wanted = _at(raw, k - path.delay / period, first, last, is_smooth)
+            wanted = min(max(wanted, path.low), path.high)
             state = wanted - (before - state) * keep - missing * (wanted - before)
             before = wanted
             commands[k] = state
@@ -340,51 +350,59 @@ def rigid_forces(simulation, position, speed, acceleration, places, rigid, readi
             readings[k, s] = simulation.readings[places[s]]
 
 
+class Windows(NamedTuple):
+    """Free windows to simulate."""
+
+    table: NDArray[np.int64]
+    """Shape (w, WINDOW)."""
+    substeps: int
+    """Steps per row."""
+    size: int
+    """Rows per block."""
+
+
+class WindowInputs(NamedTuple):
+    """Measured motion in which windows begin, and what acts on the joints during them, shape (n, j) each."""
+
+    times: Array
+    """Time since the start of the run, shape (n,) [s]."""
+    position: Array
+    """Positions of the links, behind the springs."""
+    speed: Array
+    """Speeds of the links."""
+    loads: Array
+    """Forces that the springs transmit, 0 without one."""
+    gaps: Array
+    """Positions of the motors minus those of the links by play."""
+    braking: Array
+    """Forces on the motors by play and the deflection of their springs."""
+    commands: Array
+    """Effective inputs of the actuators."""
+    enabled: NDArray[np.bool_]
+    """Whether the actuators are on."""
+
+
 @kernel
-def free_windows(
-    simulation,
-    laws,
-    curve,
-    windows,
-    substeps,
-    times,
-    position,
-    speed,
-    loads,
-    gaps,
-    braking,
-    commands,
-    enabled,
-    size,
-    blocks,
-):
+def free_windows(simulation, laws, curve, windows, given, blocks):
     """Simulate free windows from the measured state and average the positions over the blocks.
 
     Args:
       simulation: The model; its damping and dry friction are set in every step.
       laws: Laws of the joints, shape (j, LAW).
       curve: Free curve, shape (CURVE,).
-      windows: Table of the windows to simulate, shape (w, WINDOW).
-      substeps: Steps per row.
-      times: Time since the start of the run, shape (n,) [s].
-      position: Positions of the links, behind the springs, shape (n, j).
-      speed: Their speeds, shape (n, j).
-      loads: Forces that the springs transmit, 0 without one, shape (n, j).
-      gaps: Positions of the motors minus those of the links by play, shape (n, j).
-      braking: Forces on the motors by play and the deflection of their springs, shape (n, j).
-      commands: Effective inputs of the actuators, shape (n, j).
-      enabled: Whether the actuators are on, shape (n, j).
-      size: Rows per block.
+      windows: `Windows`.
+      given: `WindowInputs`.
       blocks: Filled with mean positions and speeds of these windows, shape (blocks, 2 j).
     """
-    joints = len(laws)
+    joints, size, substeps = len(laws), windows.size, windows.substeps
+    commands, braking = given.commands, given.braking
     load = np.zeros(joints)
     before = np.zeros(joints)
-    for w in range(len(windows)):
-        first, last, at = windows[w, FIRST], windows[w, LAST], windows[w, FIRST_BLOCK]
+    for w in range(len(windows.table)):
+        first, last, at = windows.table[w, FIRST], windows.table[w, LAST], windows.table[w, FIRST_BLOCK]
         for j in range(joints):
-            simulation.qpos[j], simulation.qvel[j] = position[first, j], speed[first, j]
-            simulation.warm[j], load[j] = 0.0, loads[first, j]
+            simulation.qpos[j], simulation.qvel[j] = given.position[first, j], given.speed[first, j]
+            simulation.warm[j], load[j] = 0.0, given.loads[first, j]
         blocks[at : at + (last - first) // size] = 0.0
         diverged = False
         for k in range(first, last):
@@ -393,11 +411,12 @@ def free_windows(
                 share = i / substeps
                 for j in range(joints):
                     command = (1.0 - share) * commands[k, j] + share * commands[after, j]
-                    _set_forces(simulation, laws[j], curve, j, command, enabled[k, j], times[k], load)
+                    is_on, time = given.enabled[k, j], given.times[k]
+                    _set_forces(simulation, laws[j], curve, j, command, is_on, time, load)
                     simulation.applied[j] -= (1.0 - share) * braking[k, j] + share * braking[after, j]
                     before[j] = simulation.qvel[j]
                     if i == 0:
-                        blocks[block, j] += (simulation.qpos[j] + gaps[k, j]) / size
+                        blocks[block, j] += (simulation.qpos[j] + given.gaps[k, j]) / size
                 if diverged:  # the positions stay where they are
                     if i == 0:
                         blocks[block, joints:] += before / size

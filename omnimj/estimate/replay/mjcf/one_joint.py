@@ -79,43 +79,27 @@ def one_joint(model: mujoco.MjModel) -> OneJoint | None:
 
 
 @kernel
-def free_windows_of_one_joint(
-    body,
-    law,
-    curve,
-    windows,
-    step,
-    substeps,
-    times,
-    position,
-    speed,
-    loads,
-    gaps,
-    braking,
-    commands,
-    enabled,
-    size,
-    blocks,
-):
+def free_windows_of_one_joint(body, law, curve, windows, step, given, blocks):
     """Simulate free windows from the measured state and average the positions over the blocks.
 
     Args:
       body: `OneJoint`.
       law: Law of the joint, shape (LAW,).
       step: Time step [s].
-      curve, windows, substeps, times, position, speed, loads, gaps, braking, commands, enabled, size, blocks:
-        As for `kernels.free_windows`; arrays over the joints have one column.
+      curve, windows, given, blocks: As for `kernels.free_windows`; arrays over the joints have one column.
     """
-    for w in range(len(windows)):
-        first, last, at = windows[w, FIRST], windows[w, LAST], windows[w, FIRST_BLOCK]
-        q, v, load = position[first, 0], speed[first, 0], loads[first, 0]
+    size, substeps, commands, braking = windows.size, windows.substeps, given.commands, given.braking
+    for w in range(len(windows.table)):
+        first, last, at = windows.table[w, FIRST], windows.table[w, LAST], windows.table[w, FIRST_BLOCK]
+        q, v, load = given.position[first, 0], given.speed[first, 0], given.loads[first, 0]
         blocks[at : at + (last - first) // size] = 0.0
         for k in range(first, last):
             block, after = at + (k - first) // size, min(k + 1, last - 1)
             for i in range(substeps):
                 share = i / substeps
                 command = (1.0 - share) * commands[k, 0] + share * commands[after, 0]
-                push, slowing, lost = pushing_force(law, curve, 0, command, enabled[k, 0], times[k], q, v)
+                is_on, time = given.enabled[k, 0], given.times[k]
+                push, slowing, lost = pushing_force(law, curve, 0, command, is_on, time, q, v)
                 push -= (1.0 - share) * braking[k, 0] + share * braking[after, 0]
                 push -= slowing * v + law[SPRING] * (q - law[SPRING_REST])
                 weight = body.constant + body.sine * np.sin(q) + body.cosine * np.cos(q)
@@ -129,7 +113,7 @@ def free_windows_of_one_joint(
                     push += backward if v < 0.0 else -forward
                 change = step * push / inertia
                 if i == 0:
-                    blocks[block, 0] += (q + gaps[k, 0]) / size
+                    blocks[block, 0] += (q + given.gaps[k, 0]) / size
                 v += change
                 q += step * v
                 if k == first and i == 0:

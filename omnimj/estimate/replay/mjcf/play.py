@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.signal import savgol_filter
 
@@ -42,6 +43,27 @@ class Play(NamedTuple):
     """1 where motor and link press on each other, otherwise 0."""
 
 
+class JointMotion(NamedTuple):
+    """Measured motion of one joint, and the bodies that it moves, shape (n,) each."""
+
+    position: Array
+    speed: Array
+    acceleration: Array
+    rigid: Array
+    """Rigid-body force along the motion [N or N.m]."""
+    inertia: Array
+    """Inertia of the link [kg or kg.m2]."""
+
+
+class Drive(NamedTuple):
+    """Input of the actuator of one joint, shape (n,) each."""
+
+    commands: Array
+    """Effective inputs."""
+    enabled: NDArray[np.bool_]
+    """Whether the actuator is on."""
+
+
 def links_behind_play(
     joints: Array, log: MachineLog, motion: tuple[Array, Array, Array], rigid: Array, inertia: Array
 ) -> Play:
@@ -60,7 +82,7 @@ def links_behind_play(
     for j in np.flatnonzero(joints[:, PLAY]):
         columns = [np.ascontiguousarray(c[:, j]) for c in (*motion, rigid, inertia)]
         found = np.empty((4, len(speed)))
-        follow_links(joints[j], log.stretches, log.period, *columns, found)
+        follow_links(joints[j], log.stretches, log.period, JointMotion(*columns), found)
         links[:, j], contact[:, j] = found[2], found[3]
         for first, last, _, _ in log.stretches:
             part, width = slice(int(first), int(last)), min(log.filter_widths[j], int(last - first) - 1 | 1)
@@ -83,9 +105,10 @@ def motors_before_play(joints: Array, log: MachineLog, play: Play, motion: tuple
         inertia of the links about their own joint, shape (n, j) each.
     """
     for j in np.flatnonzero(joints[:, PLAY] * joints[:, ARMATURE]):
-        columns = [np.ascontiguousarray(c[:, j]) for c in motion]
+        commands, *columns = (np.ascontiguousarray(c[:, j]) for c in motion)
+        driven = Drive(commands, log.enabled[:, j])
         found = np.empty(len(log.times))
-        follow_motors(joints[j], log.stretches, log.period, log.enabled[:, j], *columns, found)
+        follow_motors(joints[j], log.stretches, log.period, driven, JointMotion(*columns), found)
         for first, last, _, _ in log.stretches:
             part = slice(int(first), int(last))
             filtered = correlate1d(found[part], same_filter(log.filter_widths[j]), mode="nearest")
@@ -94,7 +117,7 @@ def motors_before_play(joints: Array, log: MachineLog, play: Play, motion: tuple
 
 
 @kernel
-def follow_motors(law, stretches, h, enabled, commands, position, speed, acceleration, rigid, inertia, force):
+def follow_motors(law, stretches, h, drive, motion, force):
     """Follow the motor of one joint before its play along the measured motion of its link.
 
     In contact it gives the link its drive force F − J q̈, and leaves it where this changes its sign. What it
@@ -106,19 +129,15 @@ def follow_motors(law, stretches, h, enabled, commands, position, speed, acceler
       law: Law of the joint, shape (LAW,).
       stretches: Table of stretches.
       h: Time between rows [s].
-      enabled: Whether the actuator is on, shape (n,).
-      commands: Effective inputs, shape (n,).
-      position: Position of the link, shape (n,).
-      speed: Speed of the link, shape (n,).
-      acceleration: Acceleration of the link, shape (n,).
-      rigid: Rigid-body force along the link's motion, shape (n,).
-      inertia: Inertia of the link, shape (n,).
+      drive: `Drive` of the joint.
+      motion: `JointMotion` of the link.
       force: Filled with J q̈_m − J q̈, shape (n,) [N or N.m].
     """
-    half = 0.5 * law[PLAY]
+    half, commands, rigid, inertia = 0.5 * law[PLAY], drive.commands, motion.rigid, motion.inertia
+    position, speed, acceleration = motion.position, motion.speed, motion.acceleration
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
-        side = _first_push(law, enabled, commands, position, speed, acceleration, first, last)
+        side = _first_push(law, drive, motion, first, last)
         gap, motor, link, impulse, later = side * half, speed[first], speed[first], 0.0, 0.0
         for k in range(first, last):
             if side != 0.0:
@@ -132,17 +151,18 @@ def follow_motors(law, stretches, h, enabled, commands, position, speed, acceler
                 0.5 * (acceleration[k] + acceleration[k + 1]),
             )
             command = 0.5 * (commands[k] + commands[k + 1])
-            drive = passed_on(law, drive_force(law, command, place, motor), motor) if enabled[k] else 0.0
-            if side * (drive - law[ARMATURE] * change) < 0.0:
+            is_on = drive.enabled[k]
+            pushing = passed_on(law, drive_force(law, command, place, motor), motor) if is_on else 0.0
+            if side * (pushing - law[ARMATURE] * change) < 0.0:
                 side = 0.0
             if side == 0.0:
                 pull = 0.5 * (rigid[k] + rigid[k + 1]) - inertia[k] * change
                 coasting = _alone(law, place, link, pull, inertia[k], h)
-                beyond = drive - law[ARMATURE] * (coasting - link) / h
+                beyond = pushing - law[ARMATURE] * (coasting - link) / h
                 force[k] += 0.5 * beyond
                 later = 0.5 * beyond
                 impulse += beyond
-                after = motor + h * drive / law[ARMATURE]
+                after = motor + h * pushing / law[ARMATURE]
                 moved = 0.5 * h * (motor + after - link - coasting)
                 if abs(gap + moved) >= half:  # they meet between the rows, which share the blow by its time
                     side = 1.0 if gap + moved > 0.0 else -1.0
@@ -156,37 +176,35 @@ def follow_motors(law, stretches, h, enabled, commands, position, speed, acceler
 
 
 @kernel
-def _first_push(law, enabled, commands, position, speed, acceleration, first, last):
+def _first_push(law, drive, motion, first, last):
     """Side on which the motor touches the link at the start: that of the first clear motion."""
-    fast = 0.0
+    fast, position, speed = 0.0, motion.position, motion.speed
     for k in range(first, last):
         fast = max(fast, abs(speed[k]))
     for k in range(first, last):
-        if abs(speed[k]) > 0.05 * fast and enabled[k]:
-            drive = passed_on(law, drive_force(law, commands[k], position[k], speed[k]), speed[k])
-            return 1.0 if drive >= law[ARMATURE] * acceleration[k] else -1.0
+        if abs(speed[k]) > 0.05 * fast and drive.enabled[k]:
+            force = drive_force(law, drive.commands[k], position[k], speed[k])
+            pushing = passed_on(law, force, speed[k])
+            return 1.0 if pushing >= law[ARMATURE] * motion.acceleration[k] else -1.0
     return 1.0
 
 
 @kernel
-def follow_links(law, stretches, h, position, speed, acceleration, rigid, inertia, found):
+def follow_links(law, stretches, h, motion, found):
     """Follow the link of one joint behind its play, over all stretches.
 
     Args:
       law: Law of the joint, shape (LAW,).
       stretches: Table of stretches.
       h: Time between rows [s].
-      position: Position of the motor, shape (n,).
-      speed: Speed of the motor, shape (n,).
-      acceleration: Acceleration of the motor, shape (n,).
-      rigid: Rigid-body force along the motor's motion, shape (n,).
-      inertia: Inertia of the link, shape (n,).
+      motion: `JointMotion` of the motor.
       found: Filled with gap, additional force, speed of the link, and contact, shape (4, n).
     """
-    half = 0.5 * law[PLAY]
+    half, rigid, inertia = 0.5 * law[PLAY], motion.rigid, motion.inertia
+    position, speed, acceleration = motion.position, motion.speed, motion.acceleration
     for s in range(len(stretches)):
         first, last = stretches[s, 0], stretches[s, 1]
-        side = _first_side(law, position, speed, rigid, first, last)
+        side = _first_side(law, motion, first, last)
         gap, link, hit, later = side * half, speed[first], 0.0, 0.0
         for k in range(first, last):
             v, impulse, share = speed[k], hit, later
@@ -205,9 +223,8 @@ def follow_links(law, stretches, h, position, speed, acceleration, rigid, inerti
             found[3, k] = 1.0 if side != 0.0 else 0.0
             found[1, k] = share * impulse if side != 0.0 else -plain
             if side == 0.0 and k + 1 < last:
-                after = _alone(
-                    law, position[k] - gap, link, rigid[k] - inertia[k] * acceleration[k], inertia[k], h
-                )
+                pull = rigid[k] - inertia[k] * acceleration[k]
+                after = _alone(law, position[k] - gap, link, pull, inertia[k], h)
                 moved = 0.5 * h * (v + speed[k + 1] - link - after)
                 if abs(gap + moved) >= half:  # they meet between the rows, which share the blow by its time
                     side = 1.0 if gap + moved > 0.0 else -1.0
@@ -220,9 +237,9 @@ def follow_links(law, stretches, h, position, speed, acceleration, rigid, inerti
 
 
 @kernel
-def _first_side(law, position, speed, rigid, first, last):
+def _first_side(law, motion, first, last):
     """Side on which the motor touches the link at the start: that of the first clear motion."""
-    fast = 0.0
+    fast, position, speed, rigid = 0.0, motion.position, motion.speed, motion.rigid
     for k in range(first, last):
         fast = max(fast, abs(speed[k]))
     for k in range(first, last):
