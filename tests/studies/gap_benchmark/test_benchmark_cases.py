@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -152,7 +153,8 @@ class _Recorder:
 def test_a_disturbance_sees_the_current_that_the_motor_draws_where_its_supply_does_not_allow_the_command(
     effects,
 ):
-    rig, recorder = with_effects(read_rig(), effects), _Recorder()
+    rig = with_effects(read_rig(), effects)
+    recorder: Any = _Recorder()
     plant = DisturbedPlant(
         PlanarRig(rig, "natural_stone", mass=2.0, seed=1), (recorder,), RunContext(0.0, 2.0), rig
     )
