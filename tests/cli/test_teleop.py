@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nightly import representative
 from wired_devices import ROBOT, planar, served
 
 from omnimj.cli.main import main
@@ -73,7 +72,7 @@ class Person:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("last", "code"),
-    representative((b"q", 0), (b"\x03", 130), (None, 130)),
+    [(b"q", 0), (b"\x03", 130), (None, 130)],
     ids=["key", "Ctrl-C", "hang-up"],
 )
 def test_keys_drive_the_robot_and_the_terminal_is_left_as_it_was(tmp_path, last, code):

@@ -48,10 +48,8 @@ def test_a_typical_size_shows_and_the_vanishing_value_is_nothing(plant, machine,
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "machine", "steps", "name", "choice"),
-    [
-        pytest.param(*case, id=label, marks=[pytest.mark.slow] * (case[-2] == before[-2]))
-        for before, case, label in zip([CASES[-1], *CASES], CASES, IDS, strict=False)
-    ],
+    CASES,
+    ids=IDS,
 )
 def test_at_its_bounds_an_effect_leaves_finite_numbers(plant, machine, steps, name, choice):
     effect = effects_of(plant)[name]

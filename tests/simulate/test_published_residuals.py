@@ -43,7 +43,8 @@ def rig_run(faults="", current=0.9, plant="planar", variant="repaired"):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("faults", "plant"), latin(["", MOTOR], ["planar", "twin"]))
+@pytest.mark.parametrize("plant", ["planar", "twin"])
+@pytest.mark.parametrize("faults", ["", MOTOR])
 def test_r7_and_r8_are_what_the_columns_of_the_trace_give(faults, plant):
     test, trace = robot_run(faults, plant=plant)
     assert isinstance(test.constants, Robot)

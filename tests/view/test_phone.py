@@ -14,7 +14,6 @@ from browser import on_a_phone
 from diagnosed_runs import LONG
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
-from nightly import representative
 from rig_runs import twin_run
 from test_report import Page, without_scripts
 from test_sensitivity_report import outcome_of, study_of
@@ -101,7 +100,7 @@ def written(tmp_path_factory, rig_data, robot_file, compared_file, rig_file) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", representative(*LOOKED_AT, *others(*LOOKED_AT), keep=len(LOOKED_AT)))
+@pytest.mark.parametrize("kind", [*LOOKED_AT, *others(*LOOKED_AT)])
 def test_nothing_is_wider_than_a_phone_and_no_text_is_too_small(kind, written, browser, tmp_path):
     seen = on_a_phone(browser, written(kind, True).read_text(encoding="utf-8"), tmp_path)
     assert seen.found == []

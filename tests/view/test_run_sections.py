@@ -12,7 +12,6 @@ import pytest
 from browser import operate
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
-from nightly import representative
 from test_report import Page
 
 from omnimj.cli.main import main
@@ -45,7 +44,7 @@ def files(tmp_path_factory) -> dict[str, Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", representative(*KINDS))
+@pytest.mark.parametrize("kind", KINDS)
 def test_only_the_first_run_is_open_and_another_is_loaded_when_it_is_opened(kind, files, browser, tmp_path):
     script = f"""{_STATE}
     const before = [sections.map(part => part.open), made()];
@@ -71,7 +70,7 @@ def test_the_search_field_finds_held_out_runs_of_the_gap(files, browser, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", representative(1200, 600))
+@pytest.mark.parametrize("width", [1200, 600])
 def test_the_search_field_finds_cases_by_fault_floor_and_outcome(files, browser, tmp_path, width):
     page = files["evaluate"].read_text("utf-8")
     script = f"""{_STATE}

@@ -110,15 +110,14 @@ def test_the_hidden_effect_is_recovered(effect, values, measured):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values", "together"),
-    representative(
+    [
         ("coulomb", {"force": 6.0}, lambda x, base: x + base["coulomb"] - 27.5),
         ("payload", {"mass": 7.0}, lambda x, base: (x + base["mass"] - 103.5) / 4.0),
         ("sensor_delay", {"delay": 0.006, "channel": "force"}, lambda x, base: (x - 0.006) * 500.0),
         ("viscous", {"coefficient": 60.0}, lambda x, base: (x + base["viscous"] - 250.0) / 10.0),
         ("torque_constant", {"scale": 0.9}, lambda x, base: (x * 96.5 / base["mass"] - 0.9) * 20.0),
         ("sensor_delay", {"delay": 0.006, "channel": "position"}, lambda x, base: (x - 0.006) * 500.0),
-        keep=3,
-    ),
+    ],
 )
 def test_what_the_base_can_take_a_part_of_is_recovered_with_it(effect, values, together):
     label = effect if "channel" not in values else f"{effect} ({values['channel']})"

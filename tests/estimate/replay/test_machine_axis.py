@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from axis_logs import FORCE_CONSTANT, FORCE_NOISE, axis_moves
 from axis_reference import log_of, sign
-from nightly import representative
 from scipy.signal import savgol_filter
 
 from omnimj.errors import InputError, UnknownNameError
@@ -96,9 +95,7 @@ OTHERS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("label", "resistance", "expected"), representative(*OTHERS, keep=3), ids=[o[0] for o in OTHERS]
-)
+@pytest.mark.parametrize(("label", "resistance", "expected"), OTHERS, ids=[o[0] for o in OTHERS])
 def test_logs_of_a_simulator_that_shares_no_code_are_understood(label, resistance, expected, measured):
     runs = [Run(f"r{k}", log_of(resistance, seed=k, duration=8.0), {}, {}, "r") for k in range(2)]
     found = replay_of(runs)

@@ -28,7 +28,7 @@ def test_no_sequence_of_events_from_power_up_makes_current_flow_unasked():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("depth", "states", "moving"),
-    [(FROM_DRIVING, 4000, 300), pytest.param(FROM_DRIVING_AT_NIGHT, 5000, 500, marks=pytest.mark.slow)],
+    [(FROM_DRIVING, 4000, 300), (FROM_DRIVING_AT_NIGHT, 5000, 500)],
 )
 def test_no_sequence_of_events_while_driving_makes_current_flow_without_a_fresh_command(
     depth, states, moving

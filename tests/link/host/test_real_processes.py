@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from nightly import representative
 from wired_devices import PERIOD, ROBOT, WIRING
 
 from omnimj.cli.main import main
@@ -234,7 +233,7 @@ def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "number",
-    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)],
+    [signal.SIGINT, signal.SIGTERM],
     ids=["Ctrl-C", "SIGTERM"],
 )
 def test_a_host_that_is_interrupted_ends_by_a_stop(tap, number):
@@ -331,7 +330,7 @@ def device_in_thread(*argv: str) -> Iterator[int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("begun", representative(device_in_thread, device))
+@pytest.mark.parametrize("begun", [device_in_thread, device])
 def test_with_the_same_key_a_run_is_driven_and_with_another_one_refused(begun, keys, capsys):
     right, wrong = keys
     with begun("--lock-step", "--key-file", str(right)) as listening:

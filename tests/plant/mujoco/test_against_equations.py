@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from nightly import in_turn, latin, representative
+from nightly import in_turn, latin
 from rig_reference import integrate
 
 from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
@@ -54,9 +54,7 @@ def test_the_rig_twin_drives_as_its_equations(rig, floors, floor, mass, measured
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "lateral_speed", representative(0.65, -0.35, 0.2, 0.35, 0.5, -0.2, -0.5, -0.65, keep=2)
-)
+@pytest.mark.parametrize("lateral_speed", [0.65, -0.35, 0.2, 0.35, 0.5, -0.2, -0.5, -0.65])
 def test_the_rig_twin_drives_as_its_equations_when_moved_sideways(rig, floors, lateral_speed, measured):
     for current in (0.6, 0.9, 1.2, 1.5):
         error = carriage_error(rig, floors["natural_stone"], 3.9593, current, lateral_speed, 0.9)
@@ -101,7 +99,8 @@ def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("floor", "eighth"), latin(("natural_stone", "linoleum"), range(8)))
+@pytest.mark.parametrize("eighth", range(8))
+@pytest.mark.parametrize("floor", ["natural_stone", "linoleum"])
 def test_the_robot_twin_drives_as_the_planar_model_on_soft_floors(robot, soft, floor, eighth, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
     share = robot.drive_directions @ along
@@ -150,7 +149,7 @@ def test_on_the_diagonal_at_low_current_the_rollers_inertia_is_what_the_planar_m
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("eighth", representative(1, 4, 0, 2, 3, 5, 6, 7, keep=2))
+@pytest.mark.parametrize("eighth", [1, 4, 0, 2, 3, 5, 6, 7])
 def test_driving_and_turning_at_once_the_twin_drives_as_the_planar_model(robot, floors, eighth, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
     share = robot.drive_directions @ along

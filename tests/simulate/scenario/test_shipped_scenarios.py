@@ -72,17 +72,10 @@ def test_a_scenario_passes_its_checks_on_the_twin(name):
         ("degraded_motor", "faults.0.loss=0.01", "rms_current_1"),
         ("soft_floor_circle", "drive.creep_floor=", "path_error_max"),
         ("soft_edge", "patches=[]", "path_error_max"),
-        pytest.param("circle_8m", "drive.heading_hold=false", "max_yaw_excursion", marks=pytest.mark.slow),
-        pytest.param("square_path", "drive.yaw_loop=false", "path_error_max", marks=pytest.mark.slow),
-        pytest.param(
-            "square_path_open_loop", "drive.yaw_loop=true", "path_error_max", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            "square_path_kinematic_open_loop",
-            "drive.yaw_loop=true",
-            "tracking_error_max",
-            marks=pytest.mark.slow,
-        ),
+        ("circle_8m", "drive.heading_hold=false", "max_yaw_excursion"),
+        ("square_path", "drive.yaw_loop=false", "path_error_max"),
+        ("square_path_open_loop", "drive.yaw_loop=true", "path_error_max"),
+        ("square_path_kinematic_open_loop", "drive.yaw_loop=true", "tracking_error_max"),
         ("circle_8m_kinematic", "kinematics.weights.0=1.0", "tracking_error_max"),
         ("rig_lateral", "lateral_speed=0.0", "final_current"),
         ("rig_motor", "faults=[]", "final_current"),

@@ -119,9 +119,7 @@ def test_a_wheel_is_too_noisy_unless_most_wheels_shake(rough, fails):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "number", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (60, 119, 141, 165, 169))]
-)
+@pytest.mark.parametrize("number", [11, 60, 119, 141, 165, 169])
 def test_a_healthy_robot_of_another_structure_drives_a_mission_without_an_alarm(number):
     """Missions with alarms where the gear's share is learnt from all wheels; E_b is 0.43 to 0.51 in five."""
     (case,) = draw_cases(CasePopulation(seed=8000, faults=("none",), structure="drawn"), (number,))

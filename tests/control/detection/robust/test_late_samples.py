@@ -51,7 +51,7 @@ def observed(measurements):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", representative(6, 1, 2, 3))
+@pytest.mark.parametrize("seed", [6, 1, 2, 3])
 def test_a_healthy_robot_behind_a_busy_host_raises_no_alarm(seed):
     trace = driven_by_a_busy_host(seed)
     steps = np.diff(trace["time"])

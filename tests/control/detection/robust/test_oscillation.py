@@ -111,9 +111,7 @@ def test_slip_counts_only_beyond_the_oscillation_of_the_wheel():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "number", [14, *(pytest.param(k, marks=pytest.mark.slow) for k in (9, 33, 52, 58, 70))]
-)
+@pytest.mark.parametrize("number", [14, 9, 33, 52, 58, 70])
 def test_a_twin_whose_yaw_loop_oscillates_drives_a_mission_without_an_alarm(number):
     """Sensors are late and the gain for fast errors is 6, so that the loop oscillates at 33 to 51 Hz."""
     drawn = CasePopulation(seed=9001, plants=("twin",), faults=("none",), structure="drawn")

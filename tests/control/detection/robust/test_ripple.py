@@ -115,13 +115,7 @@ def test_phase_follows_the_angle_through_reversals_and_stays_within_a_turn():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "number"),
-    [
-        (9101, 967),
-        *(
-            pytest.param(*k, marks=pytest.mark.slow)
-            for k in ((9101, 576), (9101, 984), (9103, 921), (9105, 100))
-        ),
-    ],
+    [(9101, 967), (9101, 576), (9101, 984), (9103, 921), (9105, 100)],
 )
 def test_a_robot_that_ripples_by_two_newtons_drives_a_mission_without_an_alarm(seed, number):
     """Missions in which a healthy motor was named, with up to 31.7 nats at a threshold of 23.5."""
