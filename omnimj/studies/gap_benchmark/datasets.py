@@ -233,12 +233,12 @@ class DisturbedPlant:
         self._steps += 1
         return self._plant.step(command)
 
-    def _disturb(self, current: float) -> None:
+    def _disturb(self, command: float) -> None:
         position, speed, wheel_speed = self._plant.truth()[:3].tolist()
         time = self._steps * self.period
         warm = apply_motor_effects(self._motor, terms_at(self._own_terms), time, 0.0)
-        driven = achievable_current(warm, current, wheel_speed)
-        motion = Motion(time, position, speed, self._angle, driven)
+        current = achievable_current(warm, command, wheel_speed)
+        motion = Motion(time, position, speed, self._angle, current)
         self._angle += wheel_speed * self.period
         self._plant.effect_terms[:] = self._own_terms
         for effect in self._effects:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lsim
 
-from omnimj.estimate.replay.mjcf.kernels import CommandPath, effective_commands
+from omnimj.estimate.replay.mjcf.delays import CommandPath, effective_commands
 
 PERIOD, ROWS = 0.005, 400
 lags = st.floats(-4.0, -0.5).map(lambda power: 10.0**power)

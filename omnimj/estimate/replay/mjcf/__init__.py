@@ -7,5 +7,6 @@
 - `settings`: base parameters, and candidate effects made of the parts of the file
 - `laws`: a setting as numbers of the kernels
 - `along`: rigid-body forces along the measured motion, by MuJoCo's inverse dynamics
+- `delays`: values between rows, and commands as their actuators receive them
 - `kernels`: force balance of the joints, and free windows by MuJoCo's steps
 """

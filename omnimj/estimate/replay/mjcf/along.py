@@ -13,6 +13,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from omnimj.effects import ChannelEffect
 from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.mjcf import kernels
+from omnimj.estimate.replay.mjcf.delays import CommandPath, effective_commands, shifted
 from omnimj.estimate.replay.mjcf.filters import local_cubic
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
@@ -209,7 +210,7 @@ class Dynamics:
         if reading.delay:
             found = np.empty(len(true))
             rows = reading.delay / self._log.period
-            kernels.shifted(true, self._log.stretches, rows, is_smooth, found)
+            shifted(true, self._log.stretches, rows, is_smooth, found)
             return found
         return true
 
@@ -328,8 +329,8 @@ def effective_inputs(laws: Laws, log: MachineLog) -> Array:
             continue
         raw = (log.inputs[:, j] - law.reading.offset) / law.reading.scale
         late = law.delay + laws.clock - law.reading.delay
-        path = kernels.CommandPath(late, law.lag, *law.limits)
+        path = CommandPath(late, law.lag, *law.limits)
         raw, commands = np.ascontiguousarray(raw), np.empty(len(raw))
-        kernels.effective_commands(raw, log.stretches, log.period, path, laws.has_force(j), commands)
+        effective_commands(raw, log.stretches, log.period, path, laws.has_force(j), commands)
         found[:, j] = commands
     return found

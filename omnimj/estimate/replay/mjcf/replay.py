@@ -27,6 +27,7 @@ from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
 from omnimj.estimate.replay.mjcf.columns import Input, measured_parts, stated_masses
 from omnimj.estimate.replay.mjcf.contacts import free_runs
+from omnimj.estimate.replay.mjcf.delays import shifted
 from omnimj.estimate.replay.mjcf.experiments import added_masses, machine_experiments, moved_log
 from omnimj.estimate.replay.mjcf.filters import same_filter
 from omnimj.estimate.replay.mjcf.kernels import (
@@ -306,7 +307,7 @@ class MachineReplay:
             if reading.delay:
                 late = np.empty(len(values))
                 rows = -reading.delay / self.log.period
-                kernels.shifted(np.ascontiguousarray(values), self.log.stretches, rows, False, late)
+                shifted(np.ascontiguousarray(values), self.log.stretches, rows, False, late)
                 values = late
             found.append(reading.scale * self._means(values[:, None])[:, 0] + reading.offset)
         return found
