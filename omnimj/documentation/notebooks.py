@@ -13,6 +13,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +53,14 @@ def execute_notebook(file: Path) -> Any:
         client = NotebookClient(
             notebook, km=kernel, timeout=_CELL_LIMIT, resources={"metadata": {"path": work}}
         )
-        try:
-            client.execute(env=_environment(private))
-        except CellExecutionError as error:
-            raise SimulationError(f"tutorial {file.name}: {_reason(notebook, error)}") from None
-        finally:
-            _close(client, kernel)
+        # on the main thread the client would answer Ctrl-C and SIGTERM itself, by an error of its own
+        with ThreadPoolExecutor(1) as pool:
+            try:
+                pool.submit(client.execute, env=_environment(private)).result()
+            except CellExecutionError as error:
+                raise SimulationError(f"tutorial {file.name}: {_reason(notebook, error)}") from None
+            finally:
+                _close(client, kernel)  # also ends the thread, whose kernel dies
     return notebook
 
 

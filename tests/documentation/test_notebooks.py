@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 import tomllib
 
 import jupytext
 import pytest
 
 from omnimj.cli.main import make_parser
+from omnimj.cli.terminal import ended_by_signals
 from omnimj.documentation.navigation import SECTIONS
 from omnimj.documentation.notebooks import execute_notebook, notebook_page, read_notebook
 from omnimj.documentation.staging import DOCS
@@ -128,6 +130,15 @@ def test_a_cell_that_fails_is_named_with_its_reason(tutorial, code, said):
     with pytest.raises(SimulationError, match=r"^tutorial small.md: cell ") as error:
         execute_notebook(tutorial(f"# Small\n\n{code}"))
     assert said in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="a process cannot send this signal to another there")
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_a_signal_in_the_middle_of_a_cell_ends_the_tutorial_like_ctrl_c(tutorial, number):
+    signal_and_wait = f"import os, signal, time\nos.kill(os.getppid(), signal.{number})\ntime.sleep(600)"
+    with pytest.raises(KeyboardInterrupt), ended_by_signals():
+        execute_notebook(tutorial(f"# Small\n\n```python\n{signal_and_wait}\n```\n"))
 
 
 def test_jupytext_reads_a_tutorial_as_it_was_written():

@@ -14,7 +14,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.mjcf.kernels import shifted
+from omnimj.estimate.replay.mjcf.delays import shifted
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.estimate.replay.problem import Problem, fit
 from omnimj.plant.mujoco.machine import read_machine_file
