@@ -55,6 +55,7 @@ def digest(
         "reason": finding.reason,
         "incomplete": finding.incomplete,
         "remains": finding.remains,
+        "tolerated": list(finding.tolerated),
         "effects": [_effect(effect) for effect in finding.effects],
         "where": [_place(place) for place in finding.where],
         "gap": {

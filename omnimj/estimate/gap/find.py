@@ -140,6 +140,7 @@ def analyse_replay(
         failure="interrupted" if found.interrupted else "",
         regimes={name: unit for name, (unit, _) in regimes.items()},
         remains=verdict.remains,
+        tolerated=verdict.tolerated,
         incomplete=verdict.incomplete,
         given_up=found.given_up,
         traction=_traction(replay, found, after),

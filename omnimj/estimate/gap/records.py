@@ -178,6 +178,8 @@ class Finding(Displayed):
     """Regime variable → its unit."""
     remains: float | None = None
     """Held-out mismatch of the last model, RMS over all channels in units of noise."""
+    tolerated: tuple[str, ...] = ()
+    """Labels of effects that would explain the gap, but within the tolerance of the equations."""
     incomplete: bool = False
     """True if effects are named and something else is missing as well."""
     given_up: tuple[GivenUp, ...] = ()

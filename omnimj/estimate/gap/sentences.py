@@ -107,8 +107,14 @@ def _verdict(finding: Finding) -> str:
     if finding.verdict == "ambiguous":
         return f"{_list_alternatives(finding)} {_smaller(finding)}".rstrip()
     if finding.verdict == "unexplained":
-        return f"Model and measurement disagree{_size(finding)}, and no effect in the library explains it."
+        return f"Model and measurement disagree{_size(finding)}{_unexplained(finding)}."
     return f"The model agrees with the measurement{_size(finding)}: these data show no missing effect."
+
+
+def _unexplained(finding: Finding) -> str:
+    if not finding.tolerated:
+        return ", and no effect in the library explains it"
+    return f"; {join_words(finding.tolerated)} would explain it, but no equations are trusted so far"
 
 
 def _lacks(finding: Finding) -> str:
@@ -237,6 +243,8 @@ def next_step(finding: Finding) -> str:
     """Recommended next step."""
     if finding.next_experiment:
         return as_sentence(f"To tell them apart: {finding.next_experiment.get('why', '')}")
+    if finding.verdict == "unexplained" and finding.tolerated:
+        return "Drive faster, heavier or longer: an effect of the machine grows, and can then be named."
     if finding.verdict == "unexplained":
         return _summarize_free_curve(finding)
     if finding.verdict == "no_gap":

@@ -1,27 +1,34 @@
 """Verdict on a search with its reason, and the experiment that would separate rivals.
 
-`named` and `ambiguous` need effects that explain most of what can be explained at all; otherwise the gap is
-`unexplained`, and a free curve shows how much there is to explain. `no_gap`: the mismatch is at noise level
-and no effect explains most of it, or it is within the noise in every channel and no effect gains
-`CLEAR_WITHIN_NOISE` of it.
+`named` and `ambiguous` need effects that explain most of what can be explained at all, and one of them that
+exceeds the tolerance of the equations; otherwise the gap is `unexplained`. What can be explained is shown by
+free curves, and by effects whose strength varies with speed, load and other variables. `no_gap`: the mismatch
+is at noise level and no effect explains most of it, or it is within the noise in every channel and no effect
+gains `CLEAR_WITHIN_NOISE` of it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from omnimj.estimate.gap.search.candidates import NOISE_LEVEL
+from omnimj.estimate.gap.search.candidates import NOISE_LEVEL, parameter_slice
 from omnimj.estimate.gap.search.cross_validation import group_losses
 from omnimj.estimate.gap.search.screening import curve_gains
 from omnimj.estimate.gap.search.search import SearchResult
+from omnimj.estimate.gap.search.strength import strength_gains
+from omnimj.estimate.gap.sentences import join_words, variable_words
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 MIN_EXPLAINED = 0.88
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
+TOLERANCE = 0.1
+"""Share of its typical size up to which an effect is within what the equations of a machine are trusted for:
+every real machine deviates by so little from any law of friction, gear or motor."""
 MIN_REDUCTION = 0.5
 """Smallest share of all mismatch above the noise (squared, held out) that they must remove."""
 MIN_HELD_OUT_GAIN = 0.01
@@ -51,6 +58,8 @@ class Verdict:
     """Variable → gain of a free curve of it beyond the last model."""
     remains: float
     """Held-out mismatch of the last model, RMS over all channels in units of noise."""
+    tolerated: tuple[str, ...] = ()
+    """Labels of effects that explain the mismatch within the tolerance of the equations."""
 
     @property
     def incomplete(self) -> bool:
@@ -71,6 +80,8 @@ class _Achieved:
     """Held-out mismatch before and after, in units of noise."""
     stretched: float
     """Share of the base parameters that end at their bounds."""
+    varies: str
+    """Effect and variable of the strength that explains more than any free curve; empty without one."""
 
 
 def judge_search(found: SearchResult) -> Verdict:
@@ -79,11 +90,14 @@ def judge_search(found: SearchResult) -> Verdict:
     if not found.named or (is_faint and largest_channel(found) <= 1.0):
         return _nothing_named(found)
     achieved, flexible = _measure_achieved(found)
-    refusal = _refusal(achieved)
+    refusal, tolerated = _refusal(achieved), ()
+    if refusal is None:
+        tolerated = _tolerated(found)
+        refusal = _format_tolerated(tolerated)
     if refusal is not None and achieved.was <= NOISE_LEVEL and largest_channel(found) <= COMPLETE:
         return Verdict("no_gap", _format_noise(achieved.was), None, flexible, achieved.was)
     if refusal is not None:
-        return Verdict("unexplained", refusal, achieved.explained, flexible, achieved.was)
+        return Verdict("unexplained", refusal, achieved.explained, flexible, achieved.was, tolerated)
     words = f"{_format_explained(achieved)}; {achieved.rest:.2g} × the noise remains"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
     return Verdict(kind, words, achieved.explained, flexible, achieved.rest)
@@ -108,12 +122,17 @@ def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]
     base = fit(problem, (), found.base.x, found.used)
     before, after = (group_losses(problem, model, split).sum() for model in (base, final))
     flexible = curve_gains(problem, final, split).flexible
-    best = max([0.0, *flexible.values()])
-    floor = min(after * (1.0 - best) ** 2, before)
+    best, varies = max([0.0, *flexible.values()]), ""
     rest, was = _heldout_rms(found, final.residual), _heldout_rms(found, base.residual)
+    if rest > NOISE_LEVEL:  # no law can be judged by noise
+        strengths = strength_gains(problem, final, split)
+        (label, variable), gain = max(strengths.items(), key=lambda one: one[1], default=(("", ""), 0.0))
+        if gain > best:
+            best, varies = gain, f"{label} of a strength that varies with {variable_words(variable)}"
+    floor = min(after * (1.0 - best) ** 2, before)
     above = 1.0 - max(rest**2 - 1.0, 0.0) / max(was**2 - 1.0, 1e-30)
     explained = float((before - after) / max(before - floor, 1e-30))
-    return _Achieved(explained, above, was, rest, share_at_bounds(found)), flexible
+    return _Achieved(explained, above, was, rest, share_at_bounds(found), varies), flexible
 
 
 def _format_explained(achieved: _Achieved) -> str:
@@ -129,7 +148,8 @@ def _refusal(achieved: _Achieved) -> str | None:
     """Reason if the effects must not be named; None if they may be."""
     rest, was = achieved.rest, achieved.was
     if achieved.explained < MIN_EXPLAINED:
-        return f"{_format_explained(achieved)}, a free curve removes more: the effect is not in the library"
+        more = achieved.varies or "a free curve"
+        return f"{_format_explained(achieved)}, {more} removes more: the effect is not in the library"
     if rest >= (1.0 - MIN_HELD_OUT_GAIN) * was:
         return "the gain on the training runs does not carry over to the held-out runs"
     if rest > NOISE_LEVEL and achieved.above < MIN_REDUCTION:
@@ -142,6 +162,34 @@ def _refusal(achieved: _Achieved) -> str | None:
         )
         return f"{left} at their bounds: the effects substitute for another one"
     return None
+
+
+def _tolerated(found: SearchResult) -> tuple[str, ...]:
+    """Smallest alternative of every named effect, if all are within the tolerance of the equations.
+
+    Sensors and what turns with the wheel are exempt: no error of a law of motion looks like them.
+    """
+    smallest = []
+    for named in found.named:
+        options = [(named.candidate, found.final), *((r.candidate, r.fit) for r in named.rivals)]
+        sizes = [
+            (math.inf, one.label)
+            if one.is_sensor or one.turns_with_wheel
+            else (one.relative_size(fitted.x[parameter_slice(found.problem, fitted, one)]), one.label)
+            for one, fitted in options
+        ]
+        smallest.append(min(sizes))
+    return tuple(label for _, label in smallest) if all(size < TOLERANCE for size, _ in smallest) else ()
+
+
+def _format_tolerated(labels: tuple[str, ...]) -> str | None:
+    if not labels:
+        return None
+    names, are = join_words(labels), "is" if len(labels) == 1 else "are"
+    return (
+        f"{names}, which would explain it, {are} below a tenth of the typical size: no equations are trusted "
+        f"so far"
+    )
 
 
 def share_at_bounds(found: SearchResult) -> float:

@@ -7,6 +7,7 @@ simulated sensors, aligned with the measured ones. It has no access to the origi
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -101,6 +102,22 @@ class CandidateEffect:
     """True if a small amplitude changes nothing."""
     quantity: str = ""
     """Base parameter that is the same quantity; empty without one."""
+
+    def relative_size(self, values: Array) -> float:
+        """Compute the largest of its amplitudes over their typical sizes, |a − null| / |typical − null|.
+
+        Args:
+          values: Its parameters, shape (parameters,).
+
+        Returns:
+          The size; infinite for an effect without amplitudes.
+        """
+        sizes = [
+            abs(value - p.null_value) / abs(p.typical - p.null_value)
+            for p, value in zip(self.parameters, values.tolist(), strict=True)
+            if p.null_value is not None and p.typical != p.null_value
+        ]
+        return max(sizes, default=math.inf)
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def test_a_mismatch_within_the_noise_of_every_channel_is_no_gap():
     ("was", "loudest", "kind"), [(1.1, 1.6, "no_gap"), (1.1, 2.5, "unexplained"), (1.6, 1.6, "unexplained")]
 )
 def test_what_effects_explain_too_little_of_is_no_gap_at_the_level_of_noise(monkeypatch, was, loudest, kind):
-    achieved = judging._Achieved(explained=0.5, above=0.5, was=was, rest=1.0, stretched=0.0)
+    achieved = judging._Achieved(explained=0.5, above=0.5, was=was, rest=1.0, stretched=0.0, varies="")
     monkeypatch.setattr(judging, "_measure_achieved", lambda found: (achieved, {"speed": 0.3}))
     monkeypatch.setattr(judging, "largest_channel", lambda found: loudest)
     found = cast(Any, SimpleNamespace(named=(SimpleNamespace(gain=SimpleNamespace(value=0.05)),)))

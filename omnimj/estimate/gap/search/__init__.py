@@ -5,5 +5,6 @@
 - `judgement`: effects given each other, with the rivals that the data do not rule out
 - `elimination`: backward elimination from the model of all effects
 - `screening`: first-order gains of candidates, of random curves (decoys) and of free curves
+- `strength`: whether an effect is equally strong everywhere, as its law claims
 - `cross_validation`: groups of runs, folds, held-out losses and gains
 """

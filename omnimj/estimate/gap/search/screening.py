@@ -129,14 +129,20 @@ def bounded_share(
     return share, np.concatenate(start)
 
 
-def _weighted_columns(
+def weighted_columns(
     problem: Problem, current: Fit, curves: Array, used: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Weighted sensitivities to the model's parameters and to free forces over the plant's variables.
+    """Weighted sensitivities to a model's parameters and to the values of free curves.
+
+    Args:
+      problem: The data.
+      current: The model, fitted.
+      curves: Change of the whitened mismatch by the value at each knot, shape (rows, knots).
+      used: Blocks that count, shape (blocks,).
 
     Returns:
-      Columns [parameters, knots of every variable, residual], shape (rows, columns), and the precision of
-      each parameter in units of its column, shape (parameters,).
+      Columns [parameters, knots, residual], shape (rows, columns), and the precision of each parameter in
+      units of its column, shape (parameters,).
     """
     weight = huber_weights(problem, current.residual, used)
     columns = np.column_stack([current.jacobian, curves, current.residual.ravel()]) * weight[:, None]
@@ -148,7 +154,7 @@ def _weighted_columns(
     return columns, prior
 
 
-def _group_sums(columns: Array, groups: Groups, channels: int) -> Array:
+def group_sums(columns: Array, groups: Groups, channels: int) -> Array:
     """Aᵀ A of every group, shape (groups, columns, columns)."""
     of_row = np.repeat(groups.of_block, channels)
     ones = np.ones(len(columns))
@@ -156,8 +162,17 @@ def _group_sums(columns: Array, groups: Groups, channels: int) -> Array:
     return np.stack([weighted_gram(columns[p, :-1], columns[p, -1], ones[p]) for p in parts])
 
 
-def _heldout_squares(sums: Array, own: int, penalty: Array, folds: list[NDArray[np.int_]]) -> Array:
-    """Squared held-out residual per group of the linear model whose last column is the residual."""
+def heldout_squares(sums: Array, penalty: Array, folds: list[NDArray[np.int_]]) -> Array:
+    """Squared held-out residual per group of the linear model whose last column is the residual.
+
+    Args:
+      sums: Aᵀ A of every group, shape (groups, columns, columns).
+      penalty: Precision of every column but the last, shape (columns − 1,).
+      folds: Groups of each fold, together all that are fitted to.
+
+    Returns:
+      Shape (groups,), 0 where a group is in no fold.
+    """
     left = np.zeros(len(sums))
     total = sums[np.concatenate(folds)].sum(axis=0)
     for out in folds:
@@ -191,15 +206,15 @@ def curve_gains(
       sensitivities: Those of a model near it; simulated at the model itself when None.
     """
     near = Sensitivities() if sensitivities is None else sensitivities
-    columns, prior = _weighted_columns(problem, current, near.curves(problem, current), split.used)
+    columns, prior = weighted_columns(problem, current, near.curves(problem, current), split.used)
     variables, n = tuple(problem.replay.curves), len(prior)
     outs = [np.unique(split.groups.of_block[out]) for out in split.folds]
-    sums = _group_sums(columns, split.groups, len(problem.replay.channels))
+    sums = group_sums(columns, split.groups, len(problem.replay.channels))
     last = sums.shape[1] - 1
 
     def pick(transform: Array, penalty: Array) -> float:
         small = transform.T @ sums @ transform
-        return float(_heldout_squares(small, n, penalty, outs).sum())
+        return float(heldout_squares(small, penalty, outs).sum())
 
     plain = np.zeros((last + 1, n + 1))
     plain[:n, :n], plain[last, n] = np.eye(n), 1.0
