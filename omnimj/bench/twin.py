@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 _CURRENTS = (0.3, -0.8, 0.1, 0.7)
+_CALCULATIONS = 20
+"""Callbacks that take about as long as a diagnosed step."""
 
 
 def wall_time(work: Callable[[], object]) -> float:
@@ -107,47 +109,33 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
 
     Args:
       duration: Duration of a run [s].
-      rounds: Number of interleaved rounds; the medians over them are compared, for two threads the shortest
-        times.
+      rounds: Number of interleaved rounds; the medians over them are compared.
     """
     import mujoco
 
     from omnimj.control.cascade.controller import Controller
     from omnimj.control.compiled import CompiledController
-    from omnimj.control.detection.robust import RobustDetector
-    from omnimj.control.recovery import Recovery
     from omnimj.parameters import read_floors, read_robot
     from omnimj.plant.mujoco.assembly import robot_model
     from omnimj.plant.mujoco.twin import RobotTwin
     from omnimj.plant.planar import PlanarRobot
     from omnimj.simulate.driving import drive, drive_stepwise
-    from omnimj.simulate.suites.missions import mission
 
-    robot, floors = read_robot(), read_floors()
-    twins = [RobotTwin(robot, floors["natural_stone"], seed=seed) for seed in (1, 2)]
-    planar = PlanarRobot(robot, "natural_stone", seed=1)
-    plain = CompiledController(Controller(robot))
-    full = CompiledController(Controller(robot), RobustDetector(robot), Recovery(robot))
-    plan = mission(np.random.default_rng(1), duration, planar.period)
-    bare, bare_data = _with_solver_contact(robot_model(robot, floors["natural_stone"], lean=True), False)
-
-    def drive_both() -> None:
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(lambda twin: drive(twin, full, plan), twins))
-
-    drive_both()
+    robot, floor = read_robot(), read_floors()["natural_stone"]
+    twin, planar = RobotTwin(robot, floor, seed=1), PlanarRobot(robot, floor.name, seed=1)
+    plain, (full, plan) = CompiledController(Controller(robot)), _diagnosed_mission(robot, duration)
+    bare, bare_data = _with_solver_contact(robot_model(robot, floor, lean=True), False)
     works = (
         lambda: mujoco.mj_step(bare, bare_data, len(plan.time)),
-        lambda: drive(twins[0], full, plan),
-        lambda: drive(twins[0], plain, plan),
-        lambda: drive_stepwise(twins[0], full, plan),
+        lambda: drive(twin, full, plan),
+        lambda: drive(twin, plain, plan),
+        lambda: drive_stepwise(twin, full, plan),
         lambda: drive(planar, full, plan),
-        drive_both,
     )
+    works[1]()
     times = _times(rounds, *works)
-    unit, diagnosed, undiagnosed, stepwise, flat, _ = np.median(times, axis=0)
+    unit, diagnosed, undiagnosed, stepwise, flat = np.median(times, axis=0)
     low, high = np.quantile(times[:, 0], (0.1, 0.9))
-    shortest = times.min(axis=0)  # two idle cores, which a busy machine seldom has
     return {
         "unit_step_us": 1e6 * unit / len(plan.time),
         "unit_spread": (high - low) / unit,
@@ -155,8 +143,60 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
         "undiagnosed_step_ratio": undiagnosed / unit,
         "stepwise_step_ratio": stepwise / unit,
         "diagnosed_twin_to_planar_ratio": diagnosed / flat,
-        "two_threads_speedup": 2.0 * shortest[1] / shortest[5],
     }
+
+
+def measure_threads(duration: float, rounds: int) -> dict[str, float]:
+    """Measure diagnosed runs on two threads over one, and arithmetic alone, which shows what two cores give.
+
+    Args:
+      duration: Duration of a run [s].
+      rounds: Number of interleaved rounds; the shortest times are compared, as a busy machine seldom has two
+        idle cores.
+    """
+    from omnimj.parameters import read_floors, read_robot
+    from omnimj.plant.mujoco.assembly import robot_model
+    from omnimj.plant.mujoco.callback import repeat_callbacks
+    from omnimj.plant.mujoco.twin import RobotTwin
+    from omnimj.simulate.driving import drive
+
+    robot, floor = read_robot(), read_floors()["natural_stone"]
+    full, plan = _diagnosed_mission(robot, duration)
+    twins = [RobotTwin(robot, floor, seed=seed) for seed in (1, 2)]
+    mj_model = robot_model(robot, floor, lean=True)
+    frozen = [_moving(mj_model) for _ in twins]
+
+    def run(twin: Any) -> None:
+        drive(twin, full, plan)
+
+    def calculate(mj_data: Any) -> None:
+        repeat_callbacks(mj_model._address, mj_data._address, _CALCULATIONS * len(plan.time))
+
+    def on_two_threads(work: Callable[[Any], None], items: Sequence[Any]) -> None:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(work, items))
+
+    on_two_threads(run, twins)
+    one, two, one_core, two_cores = _interleaved(
+        rounds,
+        lambda: run(twins[0]),
+        lambda: on_two_threads(run, twins),
+        lambda: calculate(frozen[0]),
+        lambda: on_two_threads(calculate, frozen),
+    )
+    return {"two_threads_speedup": 2.0 * one / two, "two_cores_speedup": 2.0 * one_core / two_cores}
+
+
+def _diagnosed_mission(robot: Any, duration: float) -> tuple[Any, Any]:
+    """A controller with diagnosis and recovery, and a mission for it of some duration [s]."""
+    from omnimj.control.cascade.controller import Controller
+    from omnimj.control.compiled import CompiledController
+    from omnimj.control.detection.robust import RobustDetector
+    from omnimj.control.recovery import Recovery
+    from omnimj.simulate.suites.missions import mission
+
+    plan = mission(np.random.default_rng(1), duration, 1.0 / robot.sensors.sample_rate)
+    return CompiledController(Controller(robot), RobustDetector(robot), Recovery(robot)), plan
 
 
 def measure_run(duration: float) -> dict[str, float]:

@@ -68,6 +68,7 @@ _MEANING = {
     "stepwise_step_ratio": "diagnosed run in the stepwise loop / the same step",
     "diagnosed_twin_to_planar_ratio": "diagnosed run on the twin / on the planar robot (goal ≥ 1.5)",
     "two_threads_speedup": "diagnosed runs on two threads / one (goal ≥ 1.9 on an idle machine)",
+    "two_cores_speedup": "the same of arithmetic alone: what two cores of this machine give meanwhile",
     "batch_speedup": "two threads / one (goal ≥ 1.8 on an idle machine)",
     "scenario_realtime_factor": "× real time, with control, sensors and trace (goal ≥ 8)",
     "rerun_share": "writing the Rerun recording / the run (goal ≤ 0.15)",
@@ -125,7 +126,7 @@ def run(arguments: Any) -> int:
     from omnimj.bench.gap import measure_gap
     from omnimj.bench.learning import measure_environments
     from omnimj.bench.link import measure_link
-    from omnimj.bench.twin import measure_driving, measure_run, measure_twin
+    from omnimj.bench.twin import measure_driving, measure_run, measure_threads, measure_twin
 
     announce_compilation("twin", "uto_robot", quiet=arguments.quiet)
     found: dict[str, float] = {}
@@ -133,6 +134,7 @@ def run(arguments: Any) -> int:
         "twin": lambda: measure_twin(EFFORT.steps, EFFORT.rounds),
         "a run with its files": lambda: measure_run(EFFORT.run),
         "driving": lambda: measure_driving(EFFORT.drive, EFFORT.drives),
+        "threads": lambda: measure_threads(EFFORT.drive, EFFORT.drives),
         "control": lambda: measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest),
         "logs": lambda: measure_logs(EFFORT.log),
         "gap": lambda: measure_gap(EFFORT.gap_runs, EFFORT.gap_axis_runs),

@@ -24,6 +24,7 @@ MEASURED = (
     "omnimj.bench.control.measure_logs",
     "omnimj.bench.twin.measure_driving",
     "omnimj.bench.twin.measure_run",
+    "omnimj.bench.twin.measure_threads",
     "omnimj.bench.twin.measure_twin",
 )
 
@@ -47,8 +48,8 @@ DEAR = {
         "undiagnosed_step_ratio",
         "stepwise_step_ratio",
         "diagnosed_twin_to_planar_ratio",
-        "two_threads_speedup",
     ),
+    "omnimj.bench.twin.measure_threads": ("two_threads_speedup", "two_cores_speedup"),
 }
 """Parts that compile and drive for long, and their figures."""
 
