@@ -95,12 +95,12 @@ class DetectorState(Protocol):
 
     @property
     def reconfiguration(self) -> Reconfiguration | None:
-        """For the cascade's next command, by a detector that recovers by itself."""
+        """Change of the cascade's next command by a detector that recovers by itself; None without one."""
         ...
 
     @property
     def fault_estimate(self) -> FaultEstimate | None:
-        """For a recovery beside the detector; None: the detector leaves nothing to it."""
+        """Estimate for a recovery beside the detector; None if the detector recovers by itself."""
         ...
 
 
