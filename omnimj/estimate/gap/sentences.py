@@ -114,7 +114,7 @@ def _verdict(finding: Finding) -> str:
 def _unexplained(finding: Finding) -> str:
     if not finding.tolerated:
         return ", and no effect in the library explains it"
-    return f"; {join_words(finding.tolerated)} would explain it, but no equations are trusted so far"
+    return f"; {join_words(finding.tolerated, 'or')} would explain it, but the equations may err by as much"
 
 
 def _lacks(finding: Finding) -> str:

@@ -22,6 +22,7 @@ from omnimj.estimate.gap.search.screening import curve_gains
 from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import join_words, variable_words
+from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 MIN_EXPLAINED = 0.88
@@ -59,7 +60,7 @@ class Verdict:
     remains: float
     """Held-out mismatch of the last model, RMS over all channels in units of noise."""
     tolerated: tuple[str, ...] = ()
-    """Labels of effects that explain the mismatch within the tolerance of the equations."""
+    """Labels of effects that explain the mismatch, but within the tolerance of the equations."""
 
     @property
     def incomplete(self) -> bool:
@@ -92,8 +93,7 @@ def judge_search(found: SearchResult) -> Verdict:
     achieved, flexible = _measure_achieved(found)
     refusal, tolerated = _refusal(achieved), ()
     if refusal is None:
-        tolerated = _tolerated(found)
-        refusal = _format_tolerated(tolerated)
+        refusal, tolerated = _within_tolerance(found)
     if refusal is not None and achieved.was <= NOISE_LEVEL and largest_channel(found) <= COMPLETE:
         return Verdict("no_gap", _format_noise(achieved.was), None, flexible, achieved.was)
     if refusal is not None:
@@ -164,32 +164,31 @@ def _refusal(achieved: _Achieved) -> str | None:
     return None
 
 
-def _tolerated(found: SearchResult) -> tuple[str, ...]:
-    """Smallest alternative of every named effect, if all are within the tolerance of the equations.
+def _within_tolerance(found: SearchResult) -> tuple[str | None, tuple[str, ...]]:
+    """Reason not to name effects that are all within the tolerance of the equations, and their labels.
 
-    Sensors and what turns with the wheel are exempt: no error of a law of motion looks like them.
+    A set is within it if its smallest member is. Sensors and what turns with the wheel are exempt: no error
+    of a law of motion looks like them.
     """
-    smallest = []
+    smallest, labels = [], []
     for named in found.named:
         options = [(named.candidate, found.final), *((r.candidate, r.fit) for r in named.rivals)]
-        sizes = [
-            (math.inf, one.label)
-            if one.is_sensor or one.turns_with_wheel
-            else (one.relative_size(fitted.x[parameter_slice(found.problem, fitted, one)]), one.label)
-            for one, fitted in options
-        ]
-        smallest.append(min(sizes))
-    return tuple(label for _, label in smallest) if all(size < TOLERANCE for size, _ in smallest) else ()
-
-
-def _format_tolerated(labels: tuple[str, ...]) -> str | None:
-    if not labels:
-        return None
-    names, are = join_words(labels), "is" if len(labels) == 1 else "are"
-    return (
-        f"{names}, which would explain it, {are} below a tenth of the typical size: no equations are trusted "
-        f"so far"
+        sizes = [_relative_size(found, *option) for option in options]
+        if min(sizes) >= TOLERANCE:
+            return None, ()
+        labels += [candidate.label for candidate, _ in options]
+        smallest.append(options[int(np.argmin(sizes))][0].label)
+    small = join_words(tuple(dict.fromkeys(smallest)))
+    reason = (
+        f"less than a tenth of the typical size of {small} would explain it: the equations may err by as much"
     )
+    return reason, tuple(dict.fromkeys(labels))
+
+
+def _relative_size(found: SearchResult, candidate: CandidateEffect, fitted: Fit) -> float:
+    if candidate.is_sensor or candidate.turns_with_wheel:
+        return math.inf
+    return candidate.relative_size(fitted.x[parameter_slice(found.problem, fitted, candidate)])
 
 
 def share_at_bounds(found: SearchResult) -> float:
