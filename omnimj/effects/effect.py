@@ -163,6 +163,8 @@ class Effect:
     """True if the effect repeats with the angle of wheel or motor, whose phase a simulation loses."""
     has_threshold: bool = False
     """True if a small amplitude changes nothing: grip is missing only where more of it is needed."""
+    has_impacts: bool = False
+    """True if it acts by impacts, whose times move with its amplitude: there is no fine derivative by it."""
     quantity: str = ""
     """Quantity of the machine that it adds to or scales, if it does nothing else; a machine's file may state
     the same quantity as uncertain."""

@@ -57,6 +57,7 @@ EFFECTS = (
         (RIG, ROBOT),
         (EffectParameter("angle", "rad", 0.0, 0.5, 0.04),),
         hooks=(_backlash,),
+        has_impacts=True,
     ),
     Effect(
         "motor_cogging",

@@ -102,6 +102,8 @@ class CandidateEffect:
     """True if a small amplitude changes nothing."""
     quantity: str = ""
     """Base parameter that is the same quantity; empty without one."""
+    has_impacts: bool = False
+    """True if predictions have no fine derivative by its amplitude."""
 
     def relative_size(self, values: Array) -> float:
         """Compute the largest of its amplitudes over their typical sizes, |a − null| / |typical − null|.
@@ -231,7 +233,8 @@ def _candidate(
         CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value, _trials(p, spans))
         for p in effect.parameters
     )
-    facts = effect.where == "sensors", effect.turns_with_wheel, effect.has_threshold, effect.quantity
+    kind = effect.where == "sensors", effect.turns_with_wheel, effect.has_threshold
+    facts = *kind, effect.quantity, effect.has_impacts
     return CandidateEffect(label, effect.name, effect.words, parameters, selectors, *facts)
 
 

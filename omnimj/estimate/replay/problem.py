@@ -18,7 +18,8 @@ from omnimj.estimate.least_squares import minimise, normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect, Replay, Setting
 from omnimj.signals import Array
 
-_CENTRAL_STEP = 0.005  # over a parameter's scale
+_STEP, _CENTRAL_STEP = 0.02, 0.005  # of finite differences, over a parameter's scale
+_IMPACT_STEP = 0.1  # the same for effects that act by impacts
 
 ModelEffects = tuple[CandidateEffect, ...]
 """Effects in a model."""
@@ -77,6 +78,19 @@ class Problem:
                 size = abs(s.typical - (s.null_value or 0.0))
                 sizes.append(size or 0.1 * (s.high - s.low) or 1.0)  # 1: a fixed one
         return np.array(sizes)
+
+    def difference_steps(self, effects: ModelEffects, fine: float) -> Array:
+        """Return the steps of finite differences, shape (n,), where that of a smooth parameter is given.
+
+        Args:
+          effects: Effects in the model.
+          fine: Step of a parameter that acts smoothly, over its scale.
+        """
+        steps = np.full(len(self.replay.base) + self.has_twin_share, fine)
+        for candidate in effects:
+            own = _IMPACT_STEP if candidate.has_impacts else fine
+            steps = np.append(steps, np.full(len(candidate.parameters), own))
+        return steps * self.scales(effects)
 
     def steps(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
         """Return the lowest and the highest change of every parameter in its scale, shape (n,) each."""
@@ -196,9 +210,9 @@ class Problem:
         found = np.zeros((self.replay.measured.size, len(columns)))
         if not free:
             return found
-        moved, steps = [x], []
+        moved, steps, sizes = [x], [], self.difference_steps(effects, _STEP)
         for k in (columns[place] for place in free):
-            step = 0.02 * scales[k]
+            step = sizes[k]
             if x[k] + step > high[k]:
                 step = -step
             if x[k] + step < low[k]:
@@ -226,7 +240,7 @@ class Problem:
           Shape (blocks × channels, n).
         """
         low, high = self.bounds(effects)
-        step = _CENTRAL_STEP * self.scales(effects)
+        step = self.difference_steps(effects, _CENTRAL_STEP)
         ends = np.minimum(x + step, high), np.maximum(x - step, low)
         free = np.flatnonzero(ends[0] > ends[1])
         moved = [np.where(np.arange(len(x)) == k, end, x) for end in ends for k in free]

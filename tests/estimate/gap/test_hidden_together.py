@@ -66,6 +66,18 @@ def test_a_slippery_stretch_of_the_floor_is_found(tmp_path):
     assert effect.parameters["end"].value == pytest.approx(0.9, abs=0.02)
 
 
+@pytest.mark.parametrize(("angle", "machine"), [(0.08, 0), (0.04, 2)])
+def test_play_of_the_gear_is_found_although_predictions_have_no_fine_derivative_by_it(
+    tmp_path, angle, machine
+):
+    """Impacts move with the play: over less than a hundredth of a degree predictions change at random."""
+    (effect,) = searched(tmp_path, {"backlash": {"angle": angle}}, machine=machine).effects
+    assert effect.effect == "backlash" and not effect.indistinguishable_from
+    found = effect.parameters["angle"]
+    assert found.value == pytest.approx(angle, rel=0.1)
+    assert found.low is not None and found.low > 0.5 * angle
+
+
 def test_runs_that_all_go_forward_cannot_tell_a_tilted_rail_from_rolling_resistance(tmp_path, monkeypatch):
     forward = tuple(planned for planned in datasets._PLAN if planned[0] in ("constant", "ramp"))
     monkeypatch.setattr(datasets, "_PLAN", forward)

@@ -199,3 +199,17 @@ def test_intervals_by_whole_conditions_cover_under_noise_alone_and_under_a_misfi
             spread, factor = jackknife_deviations(problem, fitted, used)
             inside += (np.abs(error * problem.scales(())) <= factor * spread).tolist()
         assert 0.8 <= np.mean(inside) <= 1.0, shared
+
+
+@pytest.mark.parametrize(("has_impacts", "step"), [(False, 0.02), (True, 0.1)])
+def test_the_derivative_by_an_effect_of_impacts_is_a_secant_over_a_tenth_of_its_size(has_impacts, step):
+    replay = Toy({"air_drag": np.array([0.05])})
+    drag = next(c for c in replay.candidates if c.label == "air_drag")
+    effects = (dataclasses.replace(drag, has_impacts=has_impacts),)
+    problem = Problem(replay, np.array([0.002]))
+    x = np.array([1.0, 0.5, 0.06])
+    moved = x + step * problem.scales(effects) * [0.0, 0.0, 1.0]
+    here, there = problem.residuals([x, moved], effects)
+    secant = (there - here).ravel() / step
+    assert np.allclose(problem.jacobian(x, effects, [2])[:, 0], secant)
+    assert np.allclose(problem.jacobian(x, effects)[:, 2], secant)

@@ -52,12 +52,6 @@ def columns(wheels):
 
 
 @kernel
-def wheels_of(columns):
-    """Number of wheels of a θ of length p."""
-    return (columns - _COMMON) // 4
-
-
-@kernel
 def lasting(wheels):
     """Number of the leading entries of θ that are lasting parameters of the robot."""
     return 2 * wheels + _COMMON
