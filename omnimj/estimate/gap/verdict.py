@@ -123,7 +123,9 @@ def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]
     before, after = (group_losses(problem, model, split).sum() for model in (base, final))
     flexible = curve_gains(problem, final, split).flexible
     best, varies = max([0.0, *flexible.values()]), ""
+    (first,) = found.first.mismatches([found.base.x], ())
     rest, was = _heldout_rms(found, final.residual), _heldout_rms(found, base.residual)
+    was = min(was, _heldout_rms(found, problem.whitened(first)))  # the twin is simulated anew for every model
     if rest > NOISE_LEVEL:  # no law can be judged by noise
         strengths = strength_gains(problem, final, split)
         (label, variable), gain = max(strengths.items(), key=lambda one: one[1], default=(("", ""), 0.0))

@@ -83,6 +83,17 @@ def test_a_law_whose_strength_varies_is_not_named():
     assert verdict.explained is not None and verdict.explained < MIN_EXPLAINED
 
 
+def test_an_effect_after_which_more_is_left_than_was_there_before_is_not_named():
+    """The mismatch before is that of the first model, with its own twin, as it is reported."""
+    found = searched(Toy({"air_drag": np.array([0.05])}))
+    assert judge_search(found).kind == "named"
+    replay = Toy({})
+    (exact,) = replay.simulate([found.first.split(found.base.x, ())[0]])
+    replay.measured = exact
+    verdict = judge_search(dataclasses.replace(found, first=dataclasses.replace(found.first, replay=replay)))
+    assert verdict.kind == "unexplained" and "does not carry over" in verdict.reason
+
+
 def test_the_same_effect_is_named_where_it_is_of_typical_size_and_tolerated_where_it_is_below_a_tenth_of_it():
     for typical, verdict in ((0.3, "named"), (0.6, "unexplained")):
         replay = Toy({"air_drag": np.array([0.05])})
