@@ -332,7 +332,16 @@ GLOSSARY: tuple[tuple[str, str], ...] = (
     ),
     ("named", "All effects that were found hold given each other, and none can be mistaken for another."),
     ("ambiguous", "For at least one effect there is another that these data cannot tell from it."),
-    ("unexplained", "Model and measurement disagree, and the library does not explain it."),
+    (
+        "unexplained",
+        "Model and measurement disagree, and the library does not explain it, or only by effects that are "
+        "within the tolerance of the equations.",
+    ),
+    (
+        "tolerance of the equations",
+        "A tenth of an effect's typical size. Every real machine departs by so little from any law, so that "
+        "no smaller effect is named by itself.",
+    ),
     ("no gap", "After the refit the mismatch is at the level of the noise."),
     ("incomplete", "Effects are named, and more than twice the noise is left: something else is missing."),
     (
