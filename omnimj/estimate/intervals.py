@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from omnimj.estimate.least_squares import bounded_step, normal_equations
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 LEVEL = 0.90
 _FEWEST_CONDITIONS = 4  # below which stretches of the runs are left out instead
+_RIDGE = 1e-12  # share of the largest squared column that keeps the equations solvable
 _HELD = 0.005  # share of its information that a condition keeps when it is left out
 TOLERANCE = 0.002
 """Accuracy expected of the best twin, as a share of a channel's RMS."""
@@ -27,7 +29,9 @@ def jackknife_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_])
     δ_g = (H − H_g)⁻¹ s_g is the change of the parameters to first order, H = Jᵀ W² J + P, H_g and
     s_g = J_gᵀ W_g² r_g are the parts of one condition, and P is the prior of the base, whose true values are
     as uncertain as it states. Unlike sums of s_g s_gᵀ, V is not too small with as many parameters as
-    conditions (MacKinnon and White 1985), and misfit that repeats within a condition counts once.
+    conditions (MacKinnon and White 1985), and misfit that repeats within a condition counts once. No δ_g
+    leads out of the parameters' bounds: in a direction that the data leave open, or where they press against
+    a bound, the changes would otherwise be far larger than what the model file states.
 
     Args:
       problem: The data and the scale.
@@ -38,20 +42,22 @@ def jackknife_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_])
       Shape (parameters,), in the parameters' own units; Student's t for as many conditions.
     """
     weight = huber_weights(problem, fitted.residual, used)
-    a = fitted.jacobian * weight[:, None]
-    r = fitted.residual.ravel() * weight
-    precision, _ = problem.prior(fitted.x, fitted.effects)
-    whole = a.T @ a
-    hessian = whole + np.diag(precision)
-    ridge = 1e-12 * max(float(whole.diagonal().max()), 1e-30) * np.eye(len(whole))
-    parts = _conditions(problem, used)
+    precision, distance = problem.prior(fitted.x, fitted.effects)
+    bounds = problem.steps(fitted.x, fitted.effects)
+    whole = normal_equations(fitted.jacobian, fitted.residual, weight)
+
+    def step(sums: Array) -> Array:
+        return bounded_step(sums, bounds, (precision, distance), 0.0, _RIDGE)
+
+    parts, best = _conditions(problem, used), step(whole)
     count = len(parts)
     total = np.zeros(len(fitted.x))
     for rows in parts:
-        own, slope = a[rows], a[rows].T @ r[rows]
+        own = normal_equations(fitted.jacobian[rows], fitted.residual.ravel()[rows], weight[rows])
         # what only this condition determines stays within reach of the fit of all
-        total += np.linalg.solve(hessian - (1.0 - _HELD) * (own.T @ own) + ridge, slope) ** 2
-    inverse = np.linalg.pinv(hessian, rcond=1e-12, hermitian=True)
+        own[:-1, :-1] *= 1.0 - _HELD
+        total += (step(whole - own) - best) ** 2
+    inverse = np.linalg.pinv(whole[:-1, :-1] + np.diag(precision), rcond=1e-12, hermitian=True)
     between = total * (count - 1) / count + np.einsum("ij,j,ij->i", inverse, precision, inverse)
     # at least the standard deviation under white noise of the stated size
     spread = np.sqrt(np.maximum(between, inverse.diagonal()))

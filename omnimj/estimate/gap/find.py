@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +29,7 @@ from omnimj.estimate.gap.search.selection import Progress
 from omnimj.estimate.gap.search.uncertainty import parameter_reach
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, repeatability
-from omnimj.estimate.replay.interface import Replay
+from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.estimate.replay.steady.replay import SteadyReplay
 from omnimj.estimate.replay.steady.runs import direction_sectors
@@ -40,6 +41,8 @@ from omnimj.parameters.floor import all_floors
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
+
+_WIDEST = 20.0  # half width of the interval of a logarithm
 
 
 def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str, ...]:
@@ -188,12 +191,7 @@ def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
 def _effect(found: SearchResult, named: SelectedEffect, reach: Array) -> NamedEffect:
     candidate = named.candidate
     own = parameter_slice(found.problem, found.final, candidate)
-    parameters = {}
-    for shape, value, half in zip(candidate.parameters, found.final.x[own], reach[own], strict=True):
-        low, high = max(value - half, shape.low), min(value + half, shape.high)
-        is_fixed = shape.low == shape.high  # at its null value: the data do not determine it
-        ends = (None, None) if is_fixed else (float(low), float(high))
-        parameters[shape.name] = Interval(float(value), *ends, shape.unit)
+    parameters = _intervals(candidate, found.final.x[own], reach[own])
     rivals = []
     for rival in named.rivals:
         name = rival.candidate.effect
@@ -208,6 +206,32 @@ def _effect(found: SearchResult, named: SelectedEffect, reach: Array) -> NamedEf
         named.gain,
         named.p_false,
     )
+
+
+def _intervals(candidate: CandidateEffect, numbers: Array, reach: Array) -> dict[str, Interval]:
+    """Parameters of an effect with their 90 % intervals."""
+    halves = dict(zip([shape.name for shape in candidate.parameters], reach.tolist(), strict=True))
+    fitted = dict(zip(halves, numbers.tolist(), strict=True))
+    parameters = {}
+    for shape in candidate.parameters:
+        value, half = fitted[shape.name], halves[shape.name]
+        if shape.times:
+            factor = fitted[shape.times]
+            ends = _interval_of_quotient(value, half, factor, halves[shape.times])
+        else:
+            factor, ends = 1.0, (max(value - half, shape.low), min(value + half, shape.high))
+        is_fixed = shape.low == shape.high  # at its null value: the data do not determine it
+        parameters[shape.name] = Interval(value / factor, *((None, None) if is_fixed else ends), shape.unit)
+    return parameters
+
+
+def _interval_of_quotient(a: float, half_a: float, b: float, half_b: float) -> tuple[float, float]:
+    """Interval of a/b for b > 0: that of its logarithm unless the interval of a includes 0."""
+    if half_a >= abs(a):
+        return (a - half_a) / b, (a + half_a) / b
+    share = min(math.hypot(half_a / a, half_b / b), _WIDEST)
+    ends = a / b * math.exp(-share), a / b * math.exp(share)
+    return min(ends), max(ends)
 
 
 def _rms(mismatch: Array, rows: NDArray[np.bool_]) -> list[float]:

@@ -108,9 +108,8 @@ def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]
     """
     effects: dict[str, dict[str, Any]] = {}
     for candidate, values in chosen:
-        entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
         name = _free_name(candidate.effect, {*machine.effects, *effects})
-        effects[name] = {**entry, **candidate.selectors}
+        effects[name] = {**candidate.values(values), **candidate.selectors}
     return with_effects(machine, effects) if effects else machine
 
 

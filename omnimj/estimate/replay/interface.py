@@ -71,7 +71,10 @@ class BaseParameter:
 
 @dataclass(frozen=True)
 class CandidateParameter:
-    """Parameter of a candidate effect."""
+    """Parameter of a candidate effect, or the product of two that is fitted in its place.
+
+    Bounds, null value and typical value are those of the fitted number.
+    """
 
     name: str
     unit: str
@@ -82,6 +85,13 @@ class CandidateParameter:
     """Value at which the effect vanishes; None for a shape parameter (a place, a width)."""
     trials: tuple[float, ...] = ()
     """Trial values of a shape parameter for the screening."""
+    spread: float = math.inf
+    """Standard deviation of a shape about its typical value, as far as it is known beforehand."""
+    times: str = ""
+    """Shape whose product with the parameter is fitted in its place: the moment m d instead of the mass m, of
+    which the data show nothing else where they leave the distance d open."""
+    least: float = -math.inf
+    """Smallest value of a parameter whose product is fitted."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +115,29 @@ class CandidateEffect:
     has_impacts: bool = False
     """True if predictions have no fine derivative by its amplitude."""
 
+    def values(self, numbers: Array) -> dict[str, float]:
+        """Return the parameters of the effect by name.
+
+        Args:
+          numbers: Fitted numbers, shape (parameters,).
+        """
+        fitted = dict(
+            zip([p.name for p in self.parameters], np.asarray(numbers, float).tolist(), strict=True)
+        )
+        return {
+            p.name: max(fitted[p.name] / fitted[p.times], p.least) if p.times else fitted[p.name]
+            for p in self.parameters
+        }
+
+    def numbers(self, values: Mapping[str, float]) -> Array:
+        """Return the numbers to be fitted, shape (parameters,): the inverse of `values`."""
+        return np.array([float(values[p.name]) * float(values.get(p.times, 1.0)) for p in self.parameters])
+
     def relative_size(self, values: Array) -> float:
         """Compute the largest of its amplitudes over their typical sizes, |a − null| / |typical − null|.
 
         Args:
-          values: Its parameters, shape (parameters,).
+          values: Its fitted numbers, shape (parameters,).
 
         Returns:
           The size; infinite for an effect without amplitudes.
@@ -129,7 +157,7 @@ class Setting:
     base: Array
     """Values of the base parameters, shape (len(base),)."""
     effects: Mapping[str, Array] = field(default_factory=dict)
-    """Candidate's label → values of its parameters."""
+    """Candidate's label → its fitted numbers."""
     curve: tuple[str, Array] | None = None
     """Free force over one variable: its name and the force at the knots, shape (KNOTS,) [N]."""
 

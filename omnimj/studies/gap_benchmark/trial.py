@@ -86,8 +86,8 @@ def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, f
     used = ~out[groups.of_block]
     problem, base = fit_base(replay, used, lambda phrase, share: None)
     form = tuple(hidden_candidate(replay, one) for one in effects)
-    own = [float(one.values[s.name]) for one, f in zip(effects, form, strict=True) for s in f.parameters]
-    fitted = fit(problem, form, np.concatenate([base.x, own]), used)
+    own = [candidate.numbers(one.values) for one, candidate in zip(effects, form, strict=True)]
+    fitted = fit(problem, form, np.concatenate([base.x, *own]), used)
     for _ in range(2):  # linearised again at the fit
         problem, fitted = refit(problem, fitted, used)
     (mismatch,) = problem.mismatches([fitted.x], form)

@@ -34,7 +34,7 @@ from omnimj.estimate.gap.search.totals import with_totals
 from omnimj.estimate.gap.search.uncertainty import parameter_reach, undetermined
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Replay
-from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
+from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, polish, reevaluate
 from omnimj.signals import Array
 
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
@@ -235,8 +235,10 @@ class _Growing:
     def _give_up_undetermined(self) -> None:
         """Give up effects without rivals whose intervals include nothing, the smallest gain first."""
         used = self._split.used
-        while (start := self.state).named:
+        while self.state.named:
             self._report("judging the intervals", 0.9)
+            polished = polish(self.state.problem, self.state.final, used)
+            start = self.state = replace(self.state, final=polished)
             final = with_totals(start.problem, start.final)
             self.reach = parameter_reach(start.problem, final, used, self._near)
             open_ones = undetermined(start.problem, final, self.reach)

@@ -143,9 +143,8 @@ class LawMaker:
         changes = apply_part_effects(self.machine)
         for label, numbers in setting.effects.items():
             candidate = self.candidates[label]
-            given = {s.name: float(v) for s, v in zip(candidate.parameters, numbers, strict=True)}
             for hook in find_effect(candidate.effect, self.machine.plant, label).hooks:
-                hook(changes, {**candidate.selectors, **given})
+                hook(changes, {**candidate.selectors, **candidate.values(numbers)})
         return changes
 
     def _laws(self, values: Mapping[Part, float], changes: PartChanges, clock: float) -> Laws:

@@ -33,7 +33,9 @@ _EXTRA_FRICTION = {
 }
 _PLAY, _WIDEST = 1e-3, 0.1  # play of typical size and widest play, over the joint's range
 _ADDED = 0.05  # payload of typical size over the mass of its body and what it carries
+_MOST_CARRIED = 10.0  # heaviest payload over the same
 _ARMS = (0.5, 1.0, 1.5, 2.0)  # places of a payload, over the distance of the centre of mass
+_ARM_SPREAD = 0.3  # standard deviation of its place, over the same
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ def _shapes(
     """Parameters of an effect on a part, in the units of its joint, with bounds and trials by the logs."""
     kind, name = next(iter(selectors.items()), (JOINT, machine.joints[0]))
     if kind == BODY:
-        return _payload(effect, machine, selectors[BODY])
+        return _payload(effect, machine, selectors[BODY], spans)
     joint = machine.joint_of(kind, name)
     if joint not in spans:
         return tuple(_plain(p) for p in effect.parameters)
@@ -262,8 +264,6 @@ def _above_zero(
     sign each of them stands in for another: less friction around one place for friction that grows with a
     load, say, and less near standstill for any friction that grows with the speed.
     """
-    if effect.name == "payload":
-        return dataclasses.replace(shape, low=max(shape.low, -0.9 * float(machine.mj_model.body_mass.sum())))
     if effect.name in _EXTRA_FRICTION:
         own = apply_part_effects(machine).terms.get((JOINT, joint, _EXTRA_FRICTION[effect.name]), 0.0)
         return dataclasses.replace(shape, low=min(0.0 - own, 0.0))
@@ -286,19 +286,40 @@ def _placed(shape: CandidateParameter, span: JointSpan) -> CandidateParameter:
     return dataclasses.replace(shape, low=bounds[0], high=bounds[1], typical=bounds[2], trials=trials)
 
 
-def _payload(effect: Effect, machine: Machine, body: str) -> tuple[CandidateParameter, ...]:
-    """Parameters of a payload on a body."""
+def _payload(effect: Effect, machine: Machine, body: str, spans: Spans) -> tuple[CandidateParameter, ...]:
+    """Parameters of a payload on a body: its moment about the body's joint, and its distance.
+
+    The moment is bounded by ten times that of the body with what it carries, or by what the strongest
+    measured force can hold where that is more: a light link may carry many times its own mass.
+    """
     m = machine.mj_model
     k = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, body)
     anchor, direction = joint_to_centre(m, k)
     arm = float(direction @ (np.array(m.body_ipos[k]) - anchor))
     mass, carried = float(m.body_mass[k]), float(m.body_subtreemass[k])
     first, second = map(_plain, effect.parameters)
-    first = dataclasses.replace(first, low=-0.9 * mass, high=10.0 * carried, typical=_ADDED * carried)
+    low, typical = -0.9 * mass, _ADDED * carried
+    most = max(_MOST_CARRIED * carried, _held(k, machine, spans) / max(arm, 1e-6))
     if arm < 1e-6:
+        first = dataclasses.replace(first, low=low, high=_MOST_CARRIED * carried, typical=typical)
         return first, dataclasses.replace(second, low=0.0, high=0.0, typical=0.0, trials=(0.0,))
+    first = dataclasses.replace(first, low=low * arm, high=most * arm, typical=typical * arm)
     trials = tuple(share * arm for share in _ARMS)
-    return first, dataclasses.replace(second, low=0.1 * arm, high=4.0 * arm, typical=arm, trials=trials)
+    second = dataclasses.replace(second, low=0.25 * arm, high=4.0 * arm, typical=arm, trials=trials)
+    return (
+        dataclasses.replace(first, times=second.name, least=low),
+        dataclasses.replace(second, spread=_ARM_SPREAD * arm),
+    )
+
+
+def _held(body: int, machine: Machine, spans: Spans) -> float:
+    """Moment of a mass [kg.m] whose weight the largest force at a body's hinge can hold; 0 without."""
+    m = machine.mj_model
+    weight = float(np.linalg.norm(m.opt.gravity))
+    if weight == 0.0:
+        return 0.0
+    hinges = [j for k, j in enumerate(machine.joints) if m.jnt_bodyid[k] == body and is_hinge(m, j)]
+    return max((spans[j].peak / weight for j in hinges if j in spans), default=0.0)
 
 
 def free_curves(spans: Spans) -> dict[str, float]:
