@@ -144,6 +144,7 @@ def analyse_replay(
         regimes={name: unit for name, (unit, _) in regimes.items()},
         remains=verdict.remains,
         tolerated=verdict.tolerated,
+        undetermined=verdict.undetermined,
         incomplete=verdict.incomplete,
         given_up=found.given_up,
         traction=_traction(replay, found, after),

@@ -94,6 +94,10 @@ class CandidateResult:
     """True for an effect of the measurement, as opposed to the machine."""
 
 
+UNDETERMINED = "its 90 % interval includes nothing"
+"""Reason for which an effect that gains is given up: what it changes is too uncertain to call it present."""
+
+
 @dataclass(frozen=True)
 class GivenUp:
     """Effect that was in the model for a while."""
@@ -102,6 +106,11 @@ class GivenUp:
     gain: Interval
     """Held-out gain given the other effects, when it was given up."""
     reason: str
+
+    @property
+    def is_undetermined(self) -> bool:
+        """True if it gains, but the data do not determine its size."""
+        return self.reason == UNDETERMINED
 
 
 @dataclass(frozen=True)
@@ -180,6 +189,8 @@ class Finding(Displayed):
     """Held-out mismatch of the last model, RMS over all channels in units of noise."""
     tolerated: tuple[str, ...] = ()
     """Labels of effects that would explain the gap, but within the tolerance of the equations."""
+    undetermined: GivenUp | None = None
+    """Where nothing is named, the effect that gains most of those whose size the data do not determine."""
     incomplete: bool = False
     """True if effects are named and something else is missing as well."""
     given_up: tuple[GivenUp, ...] = ()

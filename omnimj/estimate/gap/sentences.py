@@ -112,9 +112,15 @@ def _verdict(finding: Finding) -> str:
 
 
 def _unexplained(finding: Finding) -> str:
-    if not finding.tolerated:
+    if finding.tolerated:
+        return (
+            f"; {join_words(finding.tolerated, 'or')} would explain it, but the equations may err by as much"
+        )
+    open_one = finding.undetermined
+    if open_one is None:
         return ", and no effect in the library explains it"
-    return f"; {join_words(finding.tolerated, 'or')} would explain it, but the equations may err by as much"
+    share = format_percent(open_one.gain.value)
+    return f"; {open_one.label} would remove {share} of it, but {open_one.reason}"
 
 
 def _lacks(finding: Finding) -> str:
@@ -245,6 +251,9 @@ def next_step(finding: Finding) -> str:
         return as_sentence(f"To tell them apart: {finding.next_experiment.get('why', '')}")
     if finding.verdict == "unexplained" and finding.tolerated:
         return "Drive faster, heavier or longer: an effect of the machine grows, and can then be named."
+    if finding.verdict == "unexplained" and finding.undetermined is not None:
+        narrower = "state the uncertain constants of the model file more closely"
+        return f"Drive faster, heavier or longer, or {narrower}, to determine {finding.undetermined.label}."
     if finding.verdict == "unexplained":
         return _summarize_free_curve(finding)
     if finding.verdict == "no_gap":

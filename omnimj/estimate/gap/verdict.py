@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.estimate.gap.records import GivenUp
 from omnimj.estimate.gap.search.candidates import NOISE_LEVEL, parameter_slice
 from omnimj.estimate.gap.search.cross_validation import group_losses
 from omnimj.estimate.gap.search.screening import curve_gains
@@ -61,6 +62,8 @@ class Verdict:
     """Held-out mismatch of the last model, RMS over all channels in units of noise."""
     tolerated: tuple[str, ...] = ()
     """Labels of effects that explain the mismatch, but within the tolerance of the equations."""
+    undetermined: GivenUp | None = None
+    """Where nothing is named, the effect that gains most of those whose size the data do not determine."""
 
     @property
     def incomplete(self) -> bool:
@@ -112,9 +115,13 @@ def _nothing_named(found: SearchResult) -> Verdict:
             reason = f"{reason}, in no channel above it; within it {', '.join(gains)}, too little to be named"
         return Verdict("no_gap", reason, None, flexible, size)
     best = max([0.0, *flexible.values()])
-    reason = f"the mismatch is {size:.2g} × its noise, and no effect of the library gains clearly on held-out"
-    reason = f"{reason} runs; a free curve gains {100.0 * best:.0f} %"
-    return Verdict("unexplained", reason, None, flexible, size)
+    left = next((one for one in found.given_up if one.is_undetermined), None)
+    if left is None:
+        gained = "and no effect of the library gains clearly on held-out runs"
+    else:
+        gained = f"{left.label} gains {100.0 * left.gain.value:.0f} % on held-out runs, but {left.reason}"
+    reason = f"the mismatch is {size:.2g} × its noise, {gained}; a free curve gains {100.0 * best:.0f} %"
+    return Verdict("unexplained", reason, None, flexible, size, undetermined=left)
 
 
 def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]:

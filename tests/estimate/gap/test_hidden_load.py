@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_findings import rig_unexplained
 from scipy.optimize import least_squares
 from test_totals import Motor
 
+from omnimj.effects import Interval
 from omnimj.estimate.gap.find import find_gap
+from omnimj.estimate.gap.records import UNDETERMINED, GivenUp
+from omnimj.estimate.gap.sentences import next_step, summarize_finding
 from omnimj.estimate.intervals import jackknife_deviations
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter, Setting
 from omnimj.estimate.replay.problem import Problem, fit, polish
@@ -173,3 +177,11 @@ def test_an_unknown_load_on_a_servo_is_reported_whatever_its_friction(tmp_path, 
     assert own.effect == "payload" and others <= {"load_friction", "back_driving", "stribeck"}
     mass = own.parameters["mass"]
     assert mass.low is not None and mass.low > 0.0
+
+
+def test_an_effect_of_which_the_data_do_not_tell_the_size_is_what_the_next_step_is_about():
+    left = GivenUp("payload (link)", Interval(0.24, 0.17, 0.32), UNDETERMINED)
+    finding = replace(rig_unexplained(), given_up=(left,), undetermined=left)
+    assert "payload (link) would remove 24 % of it" in summarize_finding(finding)
+    assert "no effect" not in summarize_finding(finding) + next_step(finding)
+    assert next_step(finding).endswith("to determine payload (link).")

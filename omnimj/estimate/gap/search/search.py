@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.effects import Interval
-from omnimj.estimate.gap.records import GivenUp
+from omnimj.estimate.gap.records import UNDETERMINED, GivenUp
 from omnimj.estimate.gap.search.candidates import (
     MARGIN,
     NOISE_LEVEL,
@@ -249,7 +249,7 @@ class _Growing:
             label = worst.candidate.label
             reduced = fit_without(start.problem, start.final, worst.candidate, self._split, 2)
             judged = judge_effects(start.problem, reduced, self._split, self._near, may_exchange=False)
-            given_up = [GivenUp(label, worst.gain, "its 90 % interval includes nothing"), *judged.given_up]
+            given_up = [GivenUp(label, worst.gain, UNDETERMINED), *judged.given_up]
             self._given_up |= {one.label: one for one in given_up}
             self.state, self.reach = judged, None
             self.ended = "every further effect that gains was tried and did not hold"
