@@ -38,6 +38,8 @@ MIN_HELD_OUT_GAIN = 0.01
 MAX_RESIDUAL, MAX_SHARE_AT_BOUNDS = 5.0, 0.5
 """Remaining mismatch in units of noise, and share of base parameters at bounds, beyond which nothing is
 named."""
+WITHIN_NOISE = 1.1
+"""Mismatch in units of noise up to which a channel is within it: the noise is an estimate itself."""
 CLEAR_WITHIN_NOISE = 0.2
 """Gain from which an effect counts although no channel exceeds its noise: the noise is an upper bound, since
 it contains the largest expected error of the equations. On machines without such an effect gains within the
@@ -91,7 +93,7 @@ class _Achieved:
 def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
     is_faint = all(one.gain.value < CLEAR_WITHIN_NOISE for one in found.named)
-    if not found.named or (is_faint and largest_channel(found) <= 1.0):
+    if not found.named or (is_faint and largest_channel(found) <= WITHIN_NOISE):
         return _nothing_named(found)
     achieved, flexible = _measure_achieved(found)
     refusal, tolerated = _refusal(achieved), ()

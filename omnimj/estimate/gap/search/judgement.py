@@ -41,6 +41,7 @@ _CLOSE = 0.5  # share of the best screened share that they must reach
 _NEAR = 10.0  # multiple of the effect's held-out loss beyond which an alternative is out of the question
 _BETTER = 1.0  # smallest advantage in score for which an effect is exchanged
 _MOST_PASSES = 8  # exchanges and eliminations of one judgement
+_FAR = 2.0  # multiple of the noise level that nothing but a true effect takes down to the noise
 _SURE = 0.95  # one-sided level of the paired test over groups
 _LEVEL = 0.90  # share of the draws that the difference of two models must exceed
 _DRAWS = 400
@@ -59,6 +60,8 @@ class SelectedEffect:
     """Share of random curves that gain as much."""
     without: float = np.inf
     """Training mismatch of the model without it, in units of noise."""
+    rest: float = np.inf
+    """The same of the model with it."""
 
     @property
     def is_needless(self) -> bool:
@@ -71,7 +74,13 @@ class SelectedEffect:
 
     @property
     def is_supported(self) -> bool:
-        """True if its gain exceeds the margin and nearly all random curves."""
+        """True if its gain exceeds the margin and nearly all random curves, or leaves nothing but noise.
+
+        A random curve that hardly bends is a constant force. It gains as much as an effect that is one, which
+        speaks against the effect only where something else remains unexplained.
+        """
+        if self.rest <= NOISE_LEVEL and self.without >= _FAR * NOISE_LEVEL:
+            return True
         return exceeds_margin(self.gain) and (self.p_false is None or self.p_false <= MAX_FALSE_RATE)
 
 
@@ -222,8 +231,8 @@ def _selected(place: _Place, sensitivities: Sensitivities) -> SelectedEffect:
     ordered = [own, *(t for t in place.tried if t is not own)]
     decoys = curve_gains(problem, place.without.fit, split, sensitivities).decoys
     rivals = ambiguity_set(problem, ordered, place.share, split)
-    without = training_rms(problem, place.without.fit, split)
-    return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain), without)
+    sizes = (training_rms(problem, fitted, split) for fitted in (place.without.fit, own.fit))
+    return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain), *sizes)
 
 
 def _least_supported(problem: Problem, model: Fit, named: Sequence[SelectedEffect]) -> GivenUp | None:
