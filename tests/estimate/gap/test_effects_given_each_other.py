@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from toy import SIZE, STEP, Toy
 
+from omnimj.effects import Interval
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.gap.search.candidates import has_shape_at_bound, pinned_amplitudes, without_amplitudes
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, make_folds, make_groups
-from omnimj.estimate.gap.search.judgement import is_distinguishable
+from omnimj.estimate.gap.search.judgement import SelectedEffect, is_distinguishable
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.sentences import headline, next_step, summarize_finding, summarize_given_up
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter, average_blocks
@@ -222,3 +223,16 @@ def test_the_rounds_call_a_rival_what_the_summary_calls_one():
         shown = {c.label for c in stage.candidates if c.verdict in ("named", "rival")}
         assert shown <= sets
     assert {c.label for c in finding.stages[0].candidates if c.verdict in ("named", "rival")} == sets
+
+
+@pytest.mark.parametrize(
+    ("without", "rest", "supported"), [(12.0, 1.2, True), (12.0, 2.0, False), (2.0, 1.2, False)]
+)
+def test_an_effect_that_leaves_nothing_but_noise_needs_no_comparison_with_random_curves(
+    without, rest, supported
+):
+    """A random curve that hardly bends is as good as an offset; so is any curve where little is to be gained."""
+    gain = Interval(0.8, 0.7, 0.9)
+    candidate = Toy({}).candidates[0]
+    assert SelectedEffect(candidate, (), gain, 0.4, without, rest).is_supported is supported
+    assert SelectedEffect(candidate, (), gain, 0.01, without, rest).is_supported

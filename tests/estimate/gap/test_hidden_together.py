@@ -12,6 +12,7 @@ from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.records import Finding
 from omnimj.studies.gap_benchmark import datasets
 from omnimj.studies.gap_benchmark.cases import HiddenEffect, draw_cases
+from omnimj.studies.gap_benchmark.machine_cases import draw_machine_cases, make_machine_dataset
 from omnimj.studies.gap_benchmark.unmodelled import UnmodelledEffect, draw_unmodelled
 
 pytestmark = pytest.mark.slow
@@ -84,3 +85,19 @@ def test_runs_that_all_go_forward_cannot_tell_a_tilted_rail_from_rolling_resista
     structure = draw_unmodelled("friction_law", 0.7, np.random.default_rng(2))
     finding = searched(tmp_path, {"grade": {"slope": 0.01}}, structure)
     assert any({"grade", "rolling_resistance"} <= names for names in reported_sets(finding))
+
+
+@pytest.mark.parametrize(
+    ("number", "covered"),
+    [
+        (3, {"position_bias", "saturation"}),  # random curves that hardly bend gain as much as an offset
+        (14, {"armature", "grade"}),  # a negative spring is the best effect alone
+    ],
+)
+def test_two_effects_of_a_servo_are_found_although_others_look_as_good_at_first(tmp_path, number, covered):
+    case = draw_machine_cases("servo_arm", 113)[number]
+    assert {one.effect for one in case.hidden} == covered
+    make_machine_dataset(case, tmp_path / "data")
+    sets = reported_sets(find_gap(tmp_path / "data"))
+    assert len(sets) == 2
+    assert all(any(effect in names for names in sets) for effect in covered)
