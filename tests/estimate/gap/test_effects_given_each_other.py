@@ -231,7 +231,7 @@ def test_the_rounds_call_a_rival_what_the_summary_calls_one():
 def test_an_effect_that_leaves_nothing_but_noise_needs_no_comparison_with_random_curves(
     without, rest, supported
 ):
-    """A random curve that hardly bends is as good as an offset; so is any curve where little is to be gained."""
+    """A random curve that hardly bends is as good as an offset, and any curve where little can be gained."""
     gain = Interval(0.8, 0.7, 0.9)
     candidate = Toy({}).candidates[0]
     assert SelectedEffect(candidate, (), gain, 0.4, without, rest).is_supported is supported
