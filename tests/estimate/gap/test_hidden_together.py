@@ -101,3 +101,13 @@ def test_two_effects_of_a_servo_are_found_although_others_look_as_good_at_first(
     sets = reported_sets(find_gap(tmp_path / "data"))
     assert len(sets) == 2
     assert all(any(effect in names for names in sets) for effect in covered)
+
+
+@pytest.mark.parametrize("number", [3, 14])
+def test_no_delay_is_named_where_force_and_position_are_on_one_clock(tmp_path, number):
+    """An offset of the clocks against a delay only interpolates: noise falls, nothing else changes."""
+    case = draw_machine_cases("linear_axis", 113)[number]
+    make_machine_dataset(case, tmp_path / "data")
+    assert "sensor_delay" not in {
+        name for names in reported_sets(find_gap(tmp_path / "data")) for name in names
+    }

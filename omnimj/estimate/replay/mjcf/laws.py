@@ -136,7 +136,18 @@ class LawMaker:
         values = dict(zip([b.name for b in base], np.asarray(setting.base, float).tolist(), strict=True))
         own = {one.part: values[one.name] - one.beyond for one in self.uncertain}
         changes = self.changes(setting)
-        return self._laws(changed_values(self.machine.values, own, changes), changes, values[TIMING])
+        clock = 0.0 if self._has_late_position(changes) else values[TIMING]
+        return self._laws(changed_values(self.machine.values, own, changes), changes, clock)
+
+    def _has_late_position(self, changes: PartChanges) -> bool:
+        """True if a delay of the only joint's position stands for the offset of the clocks.
+
+        The two are one quantity where nothing else was measured. One against the other they would leave the
+        times as they are and interpolate both signals, which takes away noise.
+        """
+        if len(self.parts.joints) > 1 or self.parts.has_velocity[0] or self.parts.sensors:
+            return False
+        return changes.channels.get(f"position:{self.parts.joints[0]}", ChannelEffect()).delay != 0.0
 
     def changes(self, setting: Setting) -> PartChanges:
         """Changes by the effects of the machine's file and by those of a setting."""
