@@ -145,7 +145,7 @@ class LawMaker:
         The two are one quantity where nothing else was measured. One against the other they would leave the
         times as they are and interpolate both signals, which takes away noise.
         """
-        if len(self.parts.joints) > 1 or any(self.parts.has_velocity) or self.parts.sensors:
+        if len(self.parts.joints) != 1 or any(self.parts.has_velocity) or self.parts.sensors:
             return False
         return changes.channels.get(f"position:{self.parts.joints[0]}", ChannelEffect()).delay != 0.0
 
