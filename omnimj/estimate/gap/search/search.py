@@ -41,6 +41,7 @@ from omnimj.signals import Array
 
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
 _MANY = 3  # effects from which a search is repeated from another start
+_AS_LITTLE = 1.05  # multiple of a loss that is about as small
 _MOST_REFITS = 3
 _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
 _MOST_TRIES = 2  # additions of one round that may fail
@@ -230,23 +231,26 @@ def _other_start(first: _Growing, base: Fit, report: Progress) -> _Growing:
     other.run()
     if not other.state.named or not _is_better(other.state, first.state, first.split):
         return first
+    names = " and ".join(sorted(first.began_with))
+    without = f"begun without {names}, with which the search ended at {len(first.state.named)} effects"
+    other.outcomes[0] = f"{without}: {other.outcomes[0]}"
     other.compare_with(whole)
     return other
 
 
 def _is_better(other: Judgement, first: Judgement, split: TrainingSplit) -> bool:
-    """True if a model has fewer effects and leaves nothing but noise, or if it has the better score."""
-    is_simpler = len(other.final.effects) < len(first.final.effects)
-    if is_simpler and training_rms(other.problem, other.final, split) <= NOISE_LEVEL:
-        return True
+    """True if a model scores better, or leaves about as little, nothing but noise, with fewer effects."""
     noise = np.minimum(first.problem.noise, other.problem.noise)
-    share, scores = effective_share(first.problem, first.final, split), []
+    losses = []
     for state in (other, first):
         common = replace(state.problem, noise=noise, huber_scale=first.problem.huber_scale)
-        losses = group_losses(common, reevaluate(state.final, common), split)
-        free = sum(p.high > p.low for c in state.final.effects for p in c.parameters)
-        scores.append(0.5 * share * float(losses.sum()) + free)
-    return scores[0] < scores[1]
+        losses.append(float(group_losses(common, reevaluate(state.final, common), split).sum()))
+    leaves_noise = training_rms(other.problem, other.final, split) <= NOISE_LEVEL
+    if leaves_noise and len(other.named) < len(first.named) and losses[0] <= _AS_LITTLE * losses[1]:
+        return True
+    free = [sum(p.high > p.low for c in s.final.effects for p in c.parameters) for s in (other, first)]
+    share = effective_share(first.problem, first.final, split)
+    return 0.5 * share * losses[0] + free[0] < 0.5 * share * losses[1] + free[1]
 
 
 class _PartialReplay:
