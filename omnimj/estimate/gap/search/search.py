@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from omnimj.estimate.gap.search.cross_validation import (
 from omnimj.estimate.gap.search.elimination import eliminate
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
 from omnimj.estimate.gap.search.screening import CurveGains, screen_candidates
-from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
+from omnimj.estimate.gap.search.selection import Progress, SelectionRound, effective_share, select_round
 from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
@@ -39,7 +40,7 @@ from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, poli
 from omnimj.signals import Array
 
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
-_MANY = 3  # effects from which fewer without the first are tried
+_MANY = 3  # effects from which fewer, or another start, are tried
 _AS_LITTLE = 1.05  # multiple of a loss that is about as small
 _MOST_REFITS = 3
 _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
@@ -192,6 +193,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     growing = _Growing(problem, base, split, report)
     with contextlib.suppress(KeyboardInterrupt):
         growing.run()
+        growing = _other_start(growing, base, report)
     state = growing.state
     return SearchResult(
         state.problem,
@@ -206,6 +208,56 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         growing.ended,
         growing.reach,
     )
+
+
+def _other_start(first: _Growing, base: Fit, report: Progress) -> _Growing:
+    """The search, or one without the effect that it added first where that ends with a better score.
+
+    Only a search that ends with many effects and leaves more than noise is repeated: its first effect may
+    stand in for several others, which are not found beside it.
+
+    Args:
+      first: The finished search.
+      base: Fit of the base.
+      report: Called with a phrase and the completed share.
+    """
+    if len(first.state.named) < _MANY or not first.began_with or first.mismatch() <= NOISE_LEVEL:
+        return first
+    report("searching from another start", 0.0)
+    whole = first.problem.replay
+    part = _PartialReplay(whole, first.began_with)
+    other = _Growing(replace(first.problem, replay=cast(Replay, part)), base, first.split, report)
+    other.run()
+    if not other.state.named or not _scores_better(other.state, first.state, first.split):
+        return first
+    names = " and ".join(sorted(first.began_with))
+    without = f"begun without {names}, with which the search ended at {len(first.state.named)} effects"
+    other.outcomes[0] = f"{without}: {other.outcomes[0]}"
+    other.compare_with(whole)
+    return other
+
+
+def _scores_better(other: Judgement, first: Judgement, split: TrainingSplit) -> bool:
+    """True if a model has the better information score on held-out training runs."""
+    noise = np.minimum(first.problem.noise, other.problem.noise)
+    share, scores = effective_share(first.problem, first.final, split), []
+    for state in (other, first):
+        common = replace(state.problem, noise=noise, huber_scale=first.problem.huber_scale)
+        losses = group_losses(common, reevaluate(state.final, common), split)
+        free = sum(p.high > p.low for c in state.final.effects for p in c.parameters)
+        scores.append(0.5 * share * float(losses.sum()) + free)
+    return scores[0] < scores[1]
+
+
+class _PartialReplay:
+    """Replay without some of its candidates."""
+
+    def __init__(self, replay: Replay, left_out: frozenset[str]):
+        self._replay = replay
+        self.candidates = tuple(c for c in replay.candidates if c.label not in left_out)
+
+    def __getattr__(self, name: str):
+        return getattr(self._replay, name)
 
 
 def _leaves_as_little(other: Judgement, first: Judgement, split: TrainingSplit) -> bool:
@@ -226,14 +278,16 @@ class _Growing:
         self.ended = ""
         self.reach: Array | None = None
         self._near = Sensitivities()  # of the last round's model
-        self._base, self._split, self._began_with = base, split, frozenset[str]()
+        self._base, self.problem, self.split = base, problem, split
+        self.began_with: frozenset[str] = frozenset()
+        """Labels of the effects that were added first."""
         self._report, self._most = report, problem.replay.most_effects
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
 
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
-        if self.state.problem.replay.backward_elimination and self._mismatch() > NOISE_LEVEL:
+        if self.state.problem.replay.backward_elimination and self.mismatch() > NOISE_LEVEL:
             self._eliminate_backward()
         while not self.ended:
             found = self._next_round()
@@ -245,17 +299,23 @@ class _Growing:
         self._try_fewer()
         self._give_up_undetermined()
 
+    def compare_with(self, replay: Replay) -> None:
+        """Judge the effects given all candidates of a replay, and their intervals."""
+        problem, self.reach = replace(self.state.problem, replay=replay), None
+        self.state = judge_effects(problem, self.state.final, self.split, Sensitivities())
+        self._give_up_undetermined()
+
     def _try_fewer(self) -> None:
         """Put a pair or triple in the place of many effects, if it leaves about as little, nothing but noise.
 
         An effect that stands in for several others can be the best one alone. The effects that are added then
         make up for what it lacks, and none of them can be left out or exchanged any more.
         """
-        first, split, near = self.state, self._split, Sensitivities()
-        if len(first.named) < _MANY or not self._began_with:
+        first, split, near = self.state, self.split, Sensitivities()
+        if len(first.named) < _MANY or not self.began_with:
             return
         self._report("trying fewer effects", 0.9)
-        others = [c for c in first.problem.replay.candidates if c.label not in self._began_with]
+        others = [c for c in first.problem.replay.candidates if c.label not in self.began_with]
         base = fit(first.problem, (), self._base.x, split.used)
         screened = screen_candidates(first.problem, base, others, split.used, near)
         found = best_subset(first.problem, base, screened, split, near, len(first.named) - 1)
@@ -267,12 +327,12 @@ class _Growing:
             if 0 < len(judged.named) < len(first.named) and _leaves_as_little(judged, first, split):
                 self.state, self._near = judged, near
                 names = " and ".join(c.label for c in judged.final.effects)
-                out = " and ".join(sorted(self._began_with))
+                out = " and ".join(sorted(self.began_with))
                 self.outcomes[-1] = f"{self.outcomes[-1]}; {names} leave as little without {out}"
 
     def _give_up_undetermined(self) -> None:
         """Give up effects without rivals whose intervals include nothing, the smallest gain first."""
-        used = self._split.used
+        used = self.split.used
         while self.state.named:
             self._report("judging the intervals", 0.9)
             polished = polish(self.state.problem, self.state.final, used)
@@ -285,8 +345,8 @@ class _Growing:
                 return
             worst = min(doubtful, key=lambda n: n.gain.value)
             label = worst.candidate.label
-            reduced = fit_without(start.problem, start.final, worst.candidate, self._split, 2)
-            judged = judge_effects(start.problem, reduced, self._split, self._near, may_exchange=False)
+            reduced = fit_without(start.problem, start.final, worst.candidate, self.split, 2)
+            judged = judge_effects(start.problem, reduced, self.split, self._near, may_exchange=False)
             given_up = [GivenUp(label, worst.gain, UNDETERMINED), *judged.given_up]
             self._given_up |= {one.label: one for one in given_up}
             self.state, self.reach = judged, None
@@ -296,11 +356,11 @@ class _Growing:
         """Eliminate effects backwards from the model of all, and judge those that are left."""
         self._next_round()
         self._report("dropping effects from the model of all", 0.5)
-        start, used = self.state, self._split.used
-        found = eliminate(start.problem, start.final, self._split, self._most)
+        start, used = self.state, self.split.used
+        found = eliminate(start.problem, start.final, self.split, self._most)
         problem, current = refit(start.problem, found, used)
         self._report("judging each effect given the others", 0.9)
-        judged = judge_effects(problem, current, self._split, Sensitivities(), may_exchange=False)
+        judged = judge_effects(problem, current, self.split, Sensitivities(), may_exchange=False)
         self._given_up |= {one.label: one for one in judged.given_up}
         self.state = judged
         names = ", ".join(c.label for c in judged.final.effects)
@@ -321,7 +381,7 @@ class _Growing:
             if self.state.final.labels != before:
                 text = f"{added} gained {100.0 * gain.value:.3g} % and joined the model"
                 self.outcomes.append(f"{_list_tries(failed)} did not hold, {text}" if failed else text)
-                self._began_with = self._began_with or addition.labels
+                self.began_with = self.began_with or addition.labels
                 return ""
             failed.append(added)
             self.state = kept
@@ -338,10 +398,11 @@ class _Growing:
 
         The machine's effects are not sought there: they would stand in for the equations' own errors.
         """
-        return bool(self.state.named) and self._mismatch() <= NOISE_LEVEL
+        return bool(self.state.named) and self.mismatch() <= NOISE_LEVEL
 
-    def _mismatch(self) -> float:
-        return training_rms(self.state.problem, self.state.final, self._split)
+    def mismatch(self) -> float:
+        """Training mismatch of the model so far, RMS in units of noise."""
+        return training_rms(self.state.problem, self.state.final, self.split)
 
     def given_up(self) -> tuple[GivenUp, ...]:
         """Effects that were in a model and are in none of the result's sets, the largest gain first."""
@@ -355,7 +416,7 @@ class _Growing:
         if self._leaves_noise():
             left = [c for c in left if c.is_sensor]
         near = self._near = Sensitivities()
-        self.rounds.append(select_round(state.problem, state.final, left, self._split, near, self._report))
+        self.rounds.append(select_round(state.problem, state.final, left, self.split, near, self._report))
         return self.rounds[-1]
 
     def _additions(self, found: SelectionRound) -> Iterator[tuple[Interval, Fit]]:
@@ -376,11 +437,11 @@ class _Growing:
     def _subsets(self, found: SelectionRound) -> list[tuple[Interval, Fit]]:
         """The best pair or triple, if it gains and anything but noise is left."""
         room = self._most - len(self.state.named)
-        if room < 2 or self._mismatch() <= NOISE_LEVEL:
+        if room < 2 or self.mismatch() <= NOISE_LEVEL:
             return []
         self._report("trying pairs and triples of effects", 1.0)
         problem, final = self.state.problem, self.state.final
-        best = best_subset(problem, final, found.screened, self._split, self._near, room)
+        best = best_subset(problem, final, found.screened, self.split, self._near, room)
         return [best] if best is not None and exceeds_margin(best[0]) else []
 
     def _unseen(self, options: Sequence[tuple[Interval, Fit]]) -> Iterator[tuple[Interval, Fit]]:
@@ -392,11 +453,11 @@ class _Growing:
 
     def _judge(self, addition: Fit) -> None:
         """Refit the grown model and judge its effects; an interruption leaves it as it was added."""
-        used = self._split.used
+        used = self.split.used
         problem, current = refit(self.state.problem, addition, used)
         self.state = self._provisional(problem, current)
         self._report("judging each effect given the others", 0.9)
-        judged = judge_effects(problem, current, self._split, self._near)
+        judged = judge_effects(problem, current, self.split, self._near)
         if judged.final.effects != current.effects:
             problem, final = refit(problem, judged.final, used)
             judged = replace(judged, problem=problem, final=final)
