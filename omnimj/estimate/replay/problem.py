@@ -324,13 +324,16 @@ def polish(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Fit:
     """Fit a model until its loss no longer falls, so that the prior decides what the data leave open.
 
     Along a valley in which parameters trade against each other, a mass against its distance, the loss falls
-    too slowly for the fits of the search, which end earlier.
+    too slowly for the fits of the search, which end earlier. Impacts leave no fine derivative along which a
+    model with them could be polished.
 
     Args:
       problem: The data and the scale.
       fitted: The fitted model.
       used: Blocks that count, shape (blocks,).
     """
+    if any(candidate.has_impacts for candidate in fitted.effects):
+        return fitted
     own = _FitProblem(problem, fitted.effects, used)
     found = minimise(own, fitted.x, rounds=_MOST_POLISHED, tolerance=_POLISHED)
     return Fit(fitted.effects, found.x, found.residual, found.jacobian, found.loss)
