@@ -129,7 +129,7 @@ class CandidateEffect:
             for p in self.parameters
         }
 
-    def numbers(self, values: Mapping[str, float]) -> Array:
+    def numbers(self, values: Mapping[str, float | str]) -> Array:
         """Return the numbers to be fitted, shape (parameters,): the inverse of `values`."""
         return np.array([float(values[p.name]) * float(values.get(p.times, 1.0)) for p in self.parameters])
 
