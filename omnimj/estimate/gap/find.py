@@ -211,18 +211,18 @@ def _effect(found: SearchResult, named: SelectedEffect, reach: Array) -> NamedEf
 
 def _intervals(candidate: CandidateEffect, numbers: Array, reach: Array) -> dict[str, Interval]:
     """Parameters of an effect with their 90 % intervals."""
+    values, parameters = candidate.values(numbers), {}
     halves = dict(zip([shape.name for shape in candidate.parameters], reach.tolist(), strict=True))
-    fitted = dict(zip(halves, numbers.tolist(), strict=True))
-    parameters = {}
-    for shape in candidate.parameters:
-        value, half = fitted[shape.name], halves[shape.name]
+    for shape, number in zip(candidate.parameters, numbers.tolist(), strict=True):
+        half = halves[shape.name]
         if shape.times:
-            factor = fitted[shape.times]
-            ends = _interval_of_quotient(value, half, factor, halves[shape.times])
+            ends = _interval_of_quotient(number, half, values[shape.times], halves[shape.times])
+            ends = max(ends[0], shape.least), max(ends[1], shape.least)
         else:
-            factor, ends = 1.0, (max(value - half, shape.low), min(value + half, shape.high))
+            ends = max(number - half, shape.low), min(number + half, shape.high)
         is_fixed = shape.low == shape.high  # at its null value: the data do not determine it
-        parameters[shape.name] = Interval(value / factor, *((None, None) if is_fixed else ends), shape.unit)
+        bounds = (None, None) if is_fixed else ends
+        parameters[shape.name] = Interval(values[shape.name], *bounds, shape.unit)
     return parameters
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
@@ -177,7 +176,8 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     """Find the effects that a model lacks.
 
     Effects are added while one of them, a pair or a triple gains on held-out training runs. Whenever the
-    model has grown, all its effects are judged given each other (`judge_effects`).
+    model has grown, all its effects are judged given each other (`judge_effects`). A search that ends with
+    many effects goes on without the one that it added first.
 
     Args:
       replay: The plant with the measured runs.
@@ -191,9 +191,11 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     split = TrainingSplit(used, groups, make_folds(groups, ~heldout, seed), seed)
     problem, base = fit_base(replay, used, report)
     growing = _Growing(problem, base, split, report)
-    with contextlib.suppress(KeyboardInterrupt):
+    try:
         growing.run()
         growing = _other_start(growing, base, report)
+    except KeyboardInterrupt:
+        growing.ended = ""  # also where only another start, or the intervals, are missing
     state = growing.state
     return SearchResult(
         state.problem,
