@@ -20,7 +20,8 @@ ON = np.array([[True]])
 def law_of(gear, gain, back_emf, efficiency):
     law = np.zeros(kernels.LAW)
     law[kernels.GEAR], law[kernels.GAIN], law[kernels.VELOCITY_GAIN] = gear, gain, -back_emf
-    law[kernels.LOW], law[kernels.HIGH], law[kernels.BRAKING] = -np.inf, np.inf, 1.0 / efficiency - 1.0
+    law[[kernels.LOW, kernels.DECLARED_LOW]], law[[kernels.HIGH, kernels.DECLARED_HIGH]] = -np.inf, np.inf
+    law[kernels.BRAKING] = 1.0 / efficiency - 1.0
     law[kernels.FORCE_PER_UNIT] = gear * gain
     law[kernels.REST_SPEED], law[kernels.STRIBECK_VELOCITY] = 1e-3, 1.0
     return law

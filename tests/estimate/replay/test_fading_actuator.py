@@ -20,7 +20,8 @@ ON = np.array([[True]])
 def law_of(gear, gain, back_emf, fading):
     law = np.zeros(kernels.LAW)
     law[kernels.GEAR], law[kernels.GAIN], law[kernels.VELOCITY_GAIN] = gear, gain, -back_emf
-    law[kernels.LOW], law[kernels.HIGH], law[kernels.FADING] = -np.inf, np.inf, fading
+    law[[kernels.LOW, kernels.DECLARED_LOW]], law[[kernels.HIGH, kernels.DECLARED_HIGH]] = -np.inf, np.inf
+    law[kernels.FADING] = fading
     law[kernels.FORCE_PER_UNIT] = gear * gain
     return law
 
@@ -82,3 +83,33 @@ def test_a_large_gain_does_not_hide_the_error_of_a_force_that_fades(fading):
         )
         (found,) = fading.simulate([setting])
         assert np.sqrt(np.nanmean((fading.measured - found)[:, 0] ** 2)) > 0.5 * size
+
+
+@given(st.floats(0.01, 1.0), st.floats(1.1, 20.0), st.floats(-1.0, 1.0), st.sampled_from([-1.0, 1.0]))
+def test_a_limit_explains_no_input_of_a_motion_that_needs_less_than_half_of_it(limit, times, share, side):
+    command, needed = side * times * limit, 0.5 * share * limit
+    (error,) = errors_of_limited([command], [needed], limit)
+    assert error == pytest.approx(needed - command, rel=1e-9)
+
+
+@given(st.floats(0.01, 1.0), st.floats(1.1, 20.0), st.floats(0.0, 2.0))
+def test_a_limited_actuator_that_gives_what_is_needed_has_no_error(limit, times, excess):
+    errors = errors_of_limited([times * limit] * 2, [limit, limit * (1.0 + excess)], limit)
+    assert errors == pytest.approx([0.0, excess * limit], abs=1e-12)
+
+
+@given(st.floats(0.01, 1.0), st.floats(-20.0, 20.0), st.floats(-2.0, 2.0))
+def test_a_limit_that_the_model_declares_hides_nothing(limit, command, needed):
+    (error,) = errors_of_limited([command], [needed], limit, declared=limit)
+    assert error == pytest.approx(needed - np.clip(command, -limit, limit), abs=1e-12)
+
+
+def errors_of_limited(commands, needed, limit, declared=np.inf):
+    """Errors of the inputs of an actuator of gain 1, at rest."""
+    law = law_of(1.0, 1.0, 0.0, 0.0)
+    law[[kernels.LOW, kernels.HIGH]] = -limit, limit
+    law[[kernels.DECLARED_LOW, kernels.DECLARED_HIGH]] = -declared, declared
+    inputs, zero = np.array(commands)[:, None], np.zeros((len(commands), 1))
+    found = np.array(needed)[:, None] - np.clip(inputs, -limit, limit)
+    kernels.to_input_errors(law[None], inputs, zero, zero, zero == 0.0, found)
+    return found[:, 0]

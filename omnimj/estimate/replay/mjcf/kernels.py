@@ -53,13 +53,16 @@ from omnimj.signals import Array
     BRAKING,
     LOW,
     HIGH,
+    DECLARED_LOW,
+    DECLARED_HIGH,
     REST_SPEED,
     FORCE_PER_UNIT,
     PLAY,
     STILL,
-) = range(31)
-LAW = 31
-"""Numbers of a joint's law. `BRAKING`: β of its gear. `FORCE_PER_UNIT`: force on the joint per unit of its
+) = range(33)
+LAW = 33
+"""Numbers of a joint's law. `BRAKING`: β of its gear. `LOW`, `HIGH`: limits of the actuator's force; those of
+the model are `DECLARED_LOW` and `DECLARED_HIGH`. `FORCE_PER_UNIT`: force on the joint per unit of its
 channel. `STILL`: share of the rest speed up to which any friction within its bounds is possible."""
 
 KNOTS = 8
@@ -69,6 +72,7 @@ CURVE = 4 + KNOTS
 OVER_SPEED, OVER_POSITION, OVER_TIME = range(3)
 _DIVERGED = 1e6  # [rad/s² or m/s²] beyond which MuJoCo soon gives up with a warning
 _LEAST_KEPT = 0.05  # share of a force that fading leaves
+_NEAR_LIMIT = 0.5  # share below a limit from which the whole force beyond it counts as an error
 
 
 @kernel
@@ -129,22 +133,45 @@ def passed_on(law, force, speed):
 
 
 @kernel
+def _error_before_limits(law, force, lacking):
+    """Error of an actuator's force F without fading and limits, by what its force on the gear lacks.
+
+    Fading gives G = F/(1 + c |F|). If the motion needs N, the error is (N - G) (1 + c |F|)/(1 - c |N|): the
+    secant, or the tangent where it needs more than G. A limit L gives the same force for every G beyond. If
+    the motion needs 0 < L - N < L/2, the share 2 (L - N)/L of G - L is part of the error, and all of it where
+    less is needed. Otherwise the error would vanish for large gains, or for a low limit of an actuator that
+    moves light links, whatever its input.
+    """
+    side = 1.0 if force > 0.0 else -1.0
+    kept = 1.0 + law[FADING] * abs(force)
+    declared = min(max(force / kept, law[DECLARED_LOW]), law[DECLARED_HIGH])
+    given = min(max(declared, law[LOW]), law[HIGH])
+    most = abs(given)
+    needed = min(max(most + lacking * side, 0.0), most)
+    if given != declared:
+        lacking += (given - declared) * min((most - needed) / (_NEAR_LIMIT * most), 1.0)
+    return lacking * kept / (1.0 - law[FADING] * needed)
+
+
+@kernel
 def to_input_errors(laws, commands, position, speed, enabled, forces):
     """Turn missing forces, shape (n, j), into errors of the inputs, in place.
 
-    To the first order, ΔF du/dF with du/dF = (1 + c |F|)²/(force per unit), F without fading, and η times as
-    much where the motion drives the motor. Without the square, the error of an actuator that fades would
-    vanish for large gains, whatever its force.
+    They are divided by the force per unit, behind fading and limits (`_error_before_limits`), and multiplied
+    by η where the motion drives the motor.
     """
     for k in range(len(forces)):
         for j in range(len(laws)):
-            law = laws[j]
-            forces[k, j] /= law[FORCE_PER_UNIT]
-            if (law[FADING] != 0.0 or law[BRAKING] != 0.0) and enabled[k, j]:
-                force = _declared_force(law, commands[k, j], position[k, j], speed[k, j])
-                forces[k, j] *= (1.0 + law[FADING] * abs(force)) ** 2
-                if law[GEAR] * force * speed[k, j] < 0.0:
+            law, changes = laws[j], False
+            if enabled[k, j]:
+                is_limited = law[LOW] > law[DECLARED_LOW] or law[HIGH] < law[DECLARED_HIGH]
+                changes = is_limited or law[FADING] != 0.0 or law[BRAKING] != 0.0
+            if changes:
+                force, gear = _declared_force(law, commands[k, j], position[k, j], speed[k, j]), law[GEAR]
+                if gear * force * speed[k, j] < 0.0:
                     forces[k, j] /= 1.0 + law[BRAKING]
+                forces[k, j] = gear * _error_before_limits(law, force, forces[k, j] / gear)
+            forces[k, j] /= law[FORCE_PER_UNIT]
 
 
 @kernel

@@ -22,6 +22,8 @@ from omnimj.estimate.replay.mjcf.kernels import (
     CABLE_REST,
     COMPLIANCE,
     DAMPING,
+    DECLARED_HIGH,
+    DECLARED_LOW,
     DRY,
     FADING,
     FORCE_PER_UNIT,
@@ -168,7 +170,8 @@ class LawMaker:
                 row[place] = changes.terms.get((JOINT, name, key), 0.0)
             row[STRIBECK_VELOCITY] = row[STRIBECK_VELOCITY] or 1.0
             row[PLACE_WIDTH] = row[PLACE_WIDTH] or 1.0
-            row[REST_SPEED], row[LOW], row[HIGH], row[GEAR] = self.rest_speed[j], -np.inf, np.inf, 1.0
+            row[REST_SPEED], row[GEAR] = self.rest_speed[j], 1.0
+            row[LOW], row[HIGH] = row[DECLARED_LOW], row[DECLARED_HIGH] = -np.inf, np.inf
             row[FORCE_PER_UNIT] = 1.0
             inputs.append(self._input(j, row, values, changes))
         return Laws(
@@ -200,6 +203,7 @@ class LawMaker:
             row[GAIN], row[BIAS] = drive.gain, drive.bias
             row[POSITION_GAIN], row[VELOCITY_GAIN] = drive.position_gain, drive.velocity_gain
             row[LOW], row[HIGH] = drive.force_range
+            row[DECLARED_LOW], row[DECLARED_HIGH] = own.drive.force_range
             row[FADING] = changes.terms.get((ACTUATOR, drive.name, "fading"), 0.0)
             row[BRAKING] = changes.terms.get((ACTUATOR, drive.name, "braking"), 0.0)
             delay = changes.terms.get((ACTUATOR, drive.name, "delay"), 0.0)
