@@ -3,8 +3,8 @@
 `named` and `ambiguous` need effects that explain most of what can be explained at all, and one of them that
 exceeds the tolerance of the equations; otherwise the gap is `unexplained`. What can be explained is shown by
 free curves, and by effects whose strength varies with speed, load and other variables. `no_gap`: the mismatch
-is at noise level and no effect explains most of it, or it is within the noise in every channel and no effect
-gains `CLEAR_WITHIN_NOISE` of it.
+is at noise level and no effect explains most of it, or it is within the noise and no effect gains
+`CLEAR_WITHIN_NOISE` of it or removes half of what single channels show above it.
 """
 
 from __future__ import annotations
@@ -92,14 +92,14 @@ class _Achieved:
 
 def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
-    is_faint = all(one.gain.value < CLEAR_WITHIN_NOISE for one in found.named)
-    if not found.named or (is_faint and largest_channel(found) <= WITHIN_NOISE):
+    if not found.named or _is_faint(found):
         return _nothing_named(found)
     achieved, flexible = _measure_achieved(found)
     refusal, tolerated = _refusal(achieved), ()
     if refusal is None:
         refusal, tolerated = _within_tolerance(found)
-    if refusal is not None and achieved.was <= NOISE_LEVEL and largest_channel(found) <= COMPLETE:
+    largest = channel_sizes(found, found.base).max(initial=0.0)
+    if refusal is not None and achieved.was <= NOISE_LEVEL and largest <= COMPLETE:
         return Verdict("no_gap", _format_noise(achieved.was), None, flexible, achieved.was)
     if refusal is not None:
         return Verdict("unexplained", refusal, achieved.explained, flexible, achieved.was, tolerated)
@@ -108,13 +108,29 @@ def judge_search(found: SearchResult) -> Verdict:
     return Verdict(kind, words, achieved.explained, flexible, achieved.rest)
 
 
+def _is_faint(found: SearchResult) -> bool:
+    """True if effects gain little, and no channel shows a mismatch of which they remove half.
+
+    Where the whole mismatch is within the noise, a channel may exceed its own by chance. An effect that gains
+    a little elsewhere says nothing about it.
+    """
+    if any(one.gain.value >= CLEAR_WITHIN_NOISE for one in found.named):
+        return False
+    before, after = channel_sizes(found, found.base), channel_sizes(found, found.final)
+    above = before > WITHIN_NOISE
+    if not above.any() or _heldout_rms(found, found.base.residual) > WITHIN_NOISE:
+        return not above.any()
+    left = np.maximum(after[above] ** 2 - 1.0, 0.0).sum()
+    return bool(left > (1.0 - MIN_REDUCTION) * (before[above] ** 2 - 1.0).sum())
+
+
 def _nothing_named(found: SearchResult) -> Verdict:
     size, flexible = _heldout_rms(found, found.base.residual), found.curves.flexible if found.curves else {}
     if size <= NOISE_LEVEL:
         reason = _format_noise(size)
         if found.named:
             gains = (f"{one.candidate.label} gains {100.0 * one.gain.value:.2g} %" for one in found.named)
-            reason = f"{reason}, in no channel above it; within it {', '.join(gains)}, too little to be named"
+            reason = f"{reason}; {', '.join(gains)}, too little to be named within it"
         return Verdict("no_gap", reason, None, flexible, size)
     best = max([0.0, *flexible.values()])
     left = next((one for one in found.given_up if one.is_undetermined), None)
@@ -220,12 +236,11 @@ def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
     return float(np.sqrt((out[valid] ** 2).mean())) if valid.any() else 0.0
 
 
-def largest_channel(found: SearchResult) -> float:
-    """Held-out mismatch before any effect, RMS in units of noise, of the channel where it is largest."""
+def channel_sizes(found: SearchResult, model: Fit) -> np.ndarray:
+    """Held-out mismatch of a model in each channel with held-out samples, RMS in units of noise."""
     valid = np.isfinite(found.problem.replay.measured) & ~found.used[:, None]
-    channels = zip(found.base.residual.T, valid.T, strict=True)
-    sizes = [float(np.sqrt(np.mean(one[rows] ** 2))) for one, rows in channels if rows.any()]
-    return max(sizes, default=0.0)
+    channels = zip(model.residual.T, valid.T, strict=True)
+    return np.array([float(np.sqrt(np.mean(one[rows] ** 2))) for one, rows in channels if rows.any()])
 
 
 def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit]]) -> dict[str, Any] | None:

@@ -10,6 +10,7 @@ from toy import Toy
 
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, heldout_gain, make_folds, make_groups
+from omnimj.estimate.gap.search.screening import heldout_squares
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.verdict import judge_search
 from omnimj.estimate.intervals import (
@@ -154,6 +155,18 @@ def test_repeats_stay_together():
     groups = make_groups(toy)
     for segment in toy.segments:
         assert {groups.names[g] for g in groups.of_block[segment.first : segment.last]} == {segment.condition}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_single_run_determines_is_not_made_up_from_the_noise_of_the_others(seed):
+    random, groups, rows = np.random.default_rng(seed), 6, 40
+    column = 1e-3 * random.standard_normal((groups, rows))
+    column[0] = 1.0 + random.random(rows)
+    residual = random.standard_normal((groups, rows))
+    residual -= column * (column * residual).sum() / (column**2).sum()  # the fit of all runs
+    sums = np.array([c.T @ c for c in np.stack([column, residual], axis=2)])
+    left = heldout_squares(sums, np.full(1, 1e-6), [np.array([g]) for g in range(groups)])
+    assert left == pytest.approx((residual**2).sum(axis=1), rel=0.3)
 
 
 def test_gain_of_the_same_model_is_zero_and_of_a_perfect_one_is_one():

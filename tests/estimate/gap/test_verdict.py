@@ -11,7 +11,7 @@ import pytest
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap import verdict as judging
 from omnimj.estimate.gap.plants import PLANTS, find_plant, read_machine
-from omnimj.estimate.gap.verdict import judge_search, largest_channel, next_experiment, share_at_bounds
+from omnimj.estimate.gap.verdict import channel_sizes, judge_search, next_experiment, share_at_bounds
 from omnimj.estimate.replay.interface import BaseParameter, Experiment
 from omnimj.estimate.replay.problem import Fit, Problem
 
@@ -70,10 +70,11 @@ def test_a_plant_reads_its_own_model_files_only():
         find_plant("hovercraft")
 
 
-def search_result(base, final, residual=None):
+def search_result(base, final, residual=None, after=None):
     """Result of a search on four blocks, the last two held out, that names one effect."""
     replay = SimpleNamespace(base=tuple(base), measured=np.zeros((4, 2)))
-    fits = {"base": SimpleNamespace(residual=residual), "final": SimpleNamespace(x=np.array(final))}
+    last = SimpleNamespace(x=np.array(final), residual=residual if after is None else after)
+    fits = {"base": SimpleNamespace(residual=residual), "final": last}
     used = np.array([True, True, False, False])
     return cast(Any, SimpleNamespace(problem=SimpleNamespace(replay=replay), used=used, **fits))
 
@@ -86,16 +87,39 @@ def test_a_parameter_that_ends_at_zero_is_absent_and_any_other_bound_counts():
 
 def test_a_mismatch_within_the_noise_of_every_channel_is_no_gap():
     quiet = np.array([[9.0, 9.0], [9.0, 9.0], [0.9, -0.2], [-0.9, 0.2]])
-    assert largest_channel(search_result([], [], quiet)) == pytest.approx(0.9)
+    assert channel_sizes(*of_base(quiet)) == pytest.approx([0.9, 0.2])
     loud = quiet * [1.0, 6.0]  # the mean over both channels is still within the noise
-    assert np.mean(loud[2:] ** 2) < 1.2 and largest_channel(search_result([], [], loud)) > 1.0
-    masked = search_result([], [], loud)
+    assert np.mean(loud[2:] ** 2) < 1.2 and max(channel_sizes(*of_base(loud))) > 1.0
+    masked, base = of_base(loud)
     masked.problem.replay.measured[:, 1] = np.nan
-    assert largest_channel(masked) <= 1.0
-    faint = SimpleNamespace(gain=SimpleNamespace(value=0.1), candidate=SimpleNamespace(label="spring"))
-    masked.named, masked.curves = (faint,), None
-    verdict = judge_search(masked)
+    assert channel_sizes(masked, base) == pytest.approx([0.9])
+    verdict = judge_search(with_spring(masked))
     assert verdict.kind == "no_gap" and "spring gains 10 %" in verdict.reason
+
+
+def of_base(residual):
+    found = search_result([], [], residual)
+    return found, found.base
+
+
+def with_spring(found, gain=0.1):
+    found.named = (
+        SimpleNamespace(gain=SimpleNamespace(value=gain), candidate=SimpleNamespace(label="spring")),
+    )
+    found.curves = None
+    return found
+
+
+def test_a_faint_effect_must_remove_half_of_what_single_channels_show_above_the_noise():
+    before = np.array([[9.0, 9.0], [9.0, 9.0], [0.6, -1.3], [-0.6, 1.3]])
+    for left, is_faint in ((1.29, True), (1.2, True), (1.1, False), (0.9, False)):
+        after = before.copy()
+        after[2:, 1] *= left / 1.3
+        found = search_result([], [], before, after)
+        assert judging._is_faint(with_spring(found)) == is_faint
+        assert not judging._is_faint(with_spring(found, gain=0.3))
+    # beyond the noise as a whole, the verdict weighs what all channels show
+    assert not judging._is_faint(with_spring(search_result([], [], 2.0 * before, 1.9 * before)))
 
 
 @pytest.mark.parametrize(
@@ -104,8 +128,9 @@ def test_a_mismatch_within_the_noise_of_every_channel_is_no_gap():
 def test_what_effects_explain_too_little_of_is_no_gap_at_the_level_of_noise(monkeypatch, was, loudest, kind):
     achieved = judging._Achieved(explained=0.5, above=0.5, was=was, rest=1.0, stretched=0.0, varies="")
     monkeypatch.setattr(judging, "_measure_achieved", lambda found: (achieved, {"speed": 0.3}))
-    monkeypatch.setattr(judging, "largest_channel", lambda found: loudest)
-    found = cast(Any, SimpleNamespace(named=(SimpleNamespace(gain=SimpleNamespace(value=0.05)),)))
+    monkeypatch.setattr(judging, "_is_faint", lambda found: False)
+    monkeypatch.setattr(judging, "channel_sizes", lambda found, model: np.array([0.5, loudest]))
+    found = cast(Any, SimpleNamespace(named=(SimpleNamespace(),), base=None))
     verdict = judge_search(found)
     assert verdict.kind == kind and verdict.remains == was
     assert (f"{was:.2g} × its noise" in verdict.reason) == (kind == "no_gap")

@@ -17,7 +17,9 @@ _FEWEST_CONDITIONS = 4  # conditions below which a run is cut in time
 _TIME_PARTS = 6
 _FOLDS = 6
 _BOOTSTRAP_SAMPLES = 1000
-_FOLD_PRIOR = 0.005  # share of all runs' information on a parameter that holds it near their fit
+FOLD_PRIOR = 0.005
+"""Share of all runs' information on a parameter that holds it near their fit: what a fold leaves open, such
+as a place that only one run passes, stays there."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,8 @@ def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
     flat = fitted.residual.ravel()
     sums = [normal_equations(fitted.jacobian[rows], flat[rows], weight[rows]) for rows in parts]
     total = np.sum(sums, axis=0)
-    # what a fold leaves open (a place that only one run passes) stays at the fit of all runs
     held = np.zeros_like(total)
-    held[np.diag_indices(len(total) - 1)] = _FOLD_PRIOR * total.diagonal()[:-1]
+    held[np.diag_indices(len(total) - 1)] = FOLD_PRIOR * total.diagonal()[:-1]
     losses = np.full(len(split.used), np.nan)
     for out, rows, own in zip(split.folds, parts, sums, strict=True):
         step = bounded_step(total - own + held, box, prior, 1e-6)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.gap.search.cross_validation import Groups, TrainingSplit
+from omnimj.estimate.gap.search.cross_validation import FOLD_PRIOR, Groups, TrainingSplit
 from omnimj.estimate.gap.search.sensitivities import (
     TRIAL_STEP,
     Sensitivities,
@@ -177,7 +177,8 @@ def heldout_squares(sums: Array, penalty: Array, folds: list[NDArray[np.int_]]) 
     total = sums[np.concatenate(folds)].sum(axis=0)
     for out in folds:
         rest = total - sums[out].sum(axis=0)
-        d = np.linalg.solve(rest[:-1, :-1] + np.diag(penalty), -rest[:-1, -1])
+        held = penalty + FOLD_PRIOR * total.diagonal()[:-1]
+        d = np.linalg.solve(rest[:-1, :-1] + np.diag(held), -rest[:-1, -1])
         full = np.append(d, 1.0)
         for g in out:
             left[g] = max(full @ sums[g] @ full, 0.0)
