@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
@@ -21,6 +22,7 @@ from omnimj.estimate.gap.records import UNDETERMINED, GivenUp
 from omnimj.estimate.gap.sentences import next_step, summarize_finding
 from omnimj.estimate.intervals import jackknife_deviations
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter, Setting
+from omnimj.estimate.replay.mjcf import settings
 from omnimj.estimate.replay.problem import Problem, fit, polish
 from omnimj.signals import Array
 
@@ -40,6 +42,18 @@ def test_mass_and_distance_are_those_of_the_fitted_moment(mass, distance):
 
 def test_no_moment_at_a_short_distance_takes_more_than_the_body_has():
     assert LOAD.values(np.array([-0.1, 0.05]))["mass"] == -0.5
+
+
+@given(length=st.floats(0.05, 1.0), share=st.floats(0.0, 1.0))
+def test_a_body_reaches_beyond_its_centre_of_mass_as_far_as_its_last_geom(length, share):
+    """A thin bar of 1 kg from the joint, with a small ball of 1 kg on it."""
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body><joint axis="0 1 0"/><geom type="capsule" size="1e-4" mass="1"'
+        f' fromto="0 0 0 0 0 -{length}"/><geom type="sphere" size="1e-4" mass="1"'
+        f' pos="0 0 -{share * length}"/></body></worldbody></mujoco>'
+    )
+    centre = 0.5 * (0.5 + share) * length
+    assert settings._beyond_centre(model, 1) == pytest.approx(length - centre, abs=2e-4)
 
 
 class Lever:

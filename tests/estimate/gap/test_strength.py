@@ -9,6 +9,7 @@ import pytest
 from toy import Toy
 
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
+from omnimj.estimate.gap.search.cross_validation import FOLD_PRIOR
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import next_step, summarize_finding
@@ -61,7 +62,8 @@ def test_the_gain_is_that_of_a_ridge_regression_without_each_fold():
     )
 
     def loss(columns, precision):
-        total = 0.0
+        total, whole = 0.0, columns[split.used] * weight[split.used, None]
+        precision = precision + FOLD_PRIOR * (whole**2).sum(axis=0)
         for out in split.folds:
             rest = split.used & ~out
             a = np.vstack([columns[rest] * weight[rest, None], np.diag(np.sqrt(precision))])

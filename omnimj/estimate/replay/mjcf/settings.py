@@ -35,7 +35,7 @@ _PLAY, _WIDEST = 1e-3, 0.1  # play of typical size and widest play, over the joi
 _ADDED = 0.05  # payload of typical size over the mass of its body and what it carries
 _MOST_CARRIED = 10.0  # heaviest payload over the same
 _ARMS = (0.5, 1.0, 1.5, 2.0)  # places of a payload, over the distance of the centre of mass
-_ARM_SPREAD = 0.3  # standard deviation of its place, over the same
+_ARM_SPREAD, _TO_END = 0.3, 0.5  # standard deviation of its place, over the same and over the way to the end
 
 
 @dataclass(frozen=True)
@@ -294,8 +294,8 @@ def _payload(effect: Effect, machine: Machine, body: str, spans: Spans) -> tuple
     """
     m = machine.mj_model
     k = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, body)
-    anchor, direction = joint_to_centre(m, k)
-    arm = float(direction @ (np.array(m.body_ipos[k]) - anchor))
+    anchor, _ = joint_to_centre(m, k)
+    arm = float(np.linalg.norm(m.body_ipos[k] - anchor))
     mass, carried = float(m.body_mass[k]), float(m.body_subtreemass[k])
     first, second = map(_plain, effect.parameters)
     low, typical = -0.9 * mass, _ADDED * carried
@@ -308,8 +308,16 @@ def _payload(effect: Effect, machine: Machine, body: str, spans: Spans) -> tuple
     second = dataclasses.replace(second, low=0.25 * arm, high=4.0 * arm, typical=arm, trials=trials)
     return (
         dataclasses.replace(first, times=second.name, least=low),
-        dataclasses.replace(second, spread=_ARM_SPREAD * arm),
+        dataclasses.replace(second, spread=max(_ARM_SPREAD * arm, _TO_END * _beyond_centre(m, k))),
     )
+
+
+def _beyond_centre(m: mujoco.MjModel, body: int) -> float:
+    """Length of a body beyond its centre of mass as seen from its joint, by spheres around its geoms [m]."""
+    _, direction = joint_to_centre(m, body)
+    own = m.geom_bodyid == body
+    ends = (m.geom_pos[own] - m.body_ipos[body]) @ direction + m.geom_rbound[own]
+    return float(ends.max(initial=0.0))
 
 
 def _held(body: int, machine: Machine, spans: Spans) -> float:
