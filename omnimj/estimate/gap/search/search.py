@@ -224,7 +224,7 @@ def _other_start(first: _Growing, base: Fit, report: Progress) -> _Growing:
       base: Fit of the base.
       report: Called with a phrase and the completed share.
     """
-    if len(first.state.named) < _MANY or not first.began_with or first.mismatch() <= NOISE_LEVEL:
+    if not first.hinges_on_first_effect or first.mismatch() <= NOISE_LEVEL:
         return first
     report("searching from another start", 0.0)
     whole = first.problem.replay
@@ -288,6 +288,12 @@ class _Growing:
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
 
+    @property
+    def hinges_on_first_effect(self) -> bool:
+        """True if the model has many effects, and still those that were added first."""
+        is_there = bool(self.began_with) and self.began_with <= self.state.final.labels
+        return is_there and len(self.state.named) >= _MANY
+
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
         if self.state.problem.replay.backward_elimination and self.mismatch() > NOISE_LEVEL:
@@ -315,7 +321,7 @@ class _Growing:
         make up for what it lacks, and none of them can be left out or exchanged any more.
         """
         first, split, near = self.state, self.split, Sensitivities()
-        if len(first.named) < _MANY or not self.began_with:
+        if not self.hinges_on_first_effect:
             return
         self._report("trying fewer effects", 0.9)
         others = [c for c in first.problem.replay.candidates if c.label not in self.began_with]
