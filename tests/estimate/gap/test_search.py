@@ -9,8 +9,6 @@ import pytest
 from toy import Toy
 
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
-from omnimj.estimate.gap.search import search as searching
-from omnimj.estimate.gap.search.candidates import NOISE_LEVEL
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, heldout_gain, make_folds, make_groups
 from omnimj.estimate.gap.search.screening import heldout_squares
 from omnimj.estimate.gap.search.search import search
@@ -64,18 +62,6 @@ def test_two_hidden_effects_come_out_as_two_names():
     assert len(found.named) == 2
     assert {"air_drag"} in names(found)
     assert any("payload" in n for n in names(found))
-
-
-@pytest.mark.parametrize(("drag", "is_named"), [(0.004, False), (0.02, True)])
-def test_within_a_generous_noise_what_removes_half_of_the_squared_mismatch_is_named(
-    monkeypatch, drag, is_named
-):
-    monkeypatch.setattr(searching, "block_noise", lambda *data: 2.0 * block_noise(*data))
-    truth = {"payload": np.array([0.1]), "air_drag": np.array([drag])}
-    found = search(Toy(truth), (), 0, quiet)
-    assert found.named[0].without > 2.0 * NOISE_LEVEL
-    assert all(n.without <= NOISE_LEVEL for n in found.named[1:])
-    assert ({"air_drag"} in names(found)) == is_named and len(found.named) == 1 + is_named
 
 
 def test_an_effect_outside_of_the_library_is_not_called_by_a_name_from_it():

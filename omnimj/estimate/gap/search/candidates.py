@@ -20,8 +20,6 @@ MARGIN = 0.02
 """Held-out gain whose lower bound an effect must exceed to be named."""
 NOISE_LEVEL = 1.5
 """Mismatch in units of noise up to which a model lacks nothing that would show."""
-HALF = 1.0 - 0.5**0.5
-"""Gain that removes half of the squared mismatch: within the noise level, only such a gain counts."""
 CLEAR = 3.0
 """Smallest deficit in log-likelihood (effective samples) of a candidate that is beaten."""
 _LEADERS = 4  # candidates of a round whose fits are completed

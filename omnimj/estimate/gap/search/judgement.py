@@ -12,7 +12,6 @@ from omnimj.effects import Interval
 from omnimj.estimate.gap.records import GivenUp
 from omnimj.estimate.gap.search.candidates import (
     CLEAR,
-    HALF,
     NOISE_LEVEL,
     CurrentModel,
     FittedCandidate,
@@ -66,12 +65,12 @@ class SelectedEffect:
 
     @property
     def is_needless(self) -> bool:
-        """True for a machine's effect without which only noise is left, unless it removes half of that.
+        """True for a machine's effect without which nothing but noise is left.
 
         What remains of the difference between machine and equations looks like such an effect, but not like
         one of a sensor.
         """
-        return not self.candidate.is_sensor and self.without <= NOISE_LEVEL and self.gain.value < HALF
+        return not self.candidate.is_sensor and self.without <= NOISE_LEVEL
 
     @property
     def is_supported(self) -> bool:

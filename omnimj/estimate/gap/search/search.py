@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from omnimj.effects import Interval
 from omnimj.estimate.gap.records import UNDETERMINED, GivenUp
 from omnimj.estimate.gap.search.candidates import (
-    HALF,
     MARGIN,
     NOISE_LEVEL,
     exceeds_margin,
@@ -28,7 +27,7 @@ from omnimj.estimate.gap.search.cross_validation import (
 )
 from omnimj.estimate.gap.search.elimination import eliminate
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
-from omnimj.estimate.gap.search.screening import CurveGains, curve_gains, screen_candidates
+from omnimj.estimate.gap.search.screening import CurveGains, screen_candidates
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, effective_share, select_round
 from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.gap.search.subsets import best_subset
@@ -405,14 +404,9 @@ class _Growing:
     def _leaves_noise(self) -> bool:
         """True if the named effects leave a mismatch that the equations themselves may have.
 
-        The machine's effects are not sought there: they would stand in for the equations' own errors. But
-        where a free curve removes half of it, something else is missing.
+        The machine's effects are not sought there: they would stand in for the equations' own errors.
         """
-        state = self.state
-        if not state.named or self.mismatch() > NOISE_LEVEL:
-            return False
-        curves = curve_gains(state.problem, state.final, self.split, self._near).flexible
-        return max(curves.values(), default=0.0) < HALF
+        return bool(self.state.named) and self.mismatch() <= NOISE_LEVEL
 
     def mismatch(self) -> float:
         """Training mismatch of the model so far, RMS in units of noise."""
@@ -427,9 +421,9 @@ class _Growing:
     def _next_round(self) -> SelectionRound:
         state, taken = self.state, {n.candidate.label for n in self.state.named}
         left = [c for c in state.problem.replay.candidates if c.label not in taken]
-        near = self._near = Sensitivities()
         if self._leaves_noise():
             left = [c for c in left if c.is_sensor]
+        near = self._near = Sensitivities()
         self.rounds.append(select_round(state.problem, state.final, left, self.split, near, self._report))
         return self.rounds[-1]
 
