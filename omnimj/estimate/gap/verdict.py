@@ -237,7 +237,7 @@ def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
 
 
 def channel_sizes(found: SearchResult, model: Fit) -> np.ndarray:
-    """Held-out mismatch of a model in each channel with held-out samples, RMS in units of noise."""
+    """Held-out RMS mismatch in units of noise of each channel that has such samples, shape (channels,)."""
     valid = np.isfinite(found.problem.replay.measured) & ~found.used[:, None]
     channels = zip(model.residual.T, valid.T, strict=True)
     return np.array([float(np.sqrt(np.mean(one[rows] ** 2))) for one, rows in channels if rows.any()])
