@@ -118,8 +118,10 @@ def _is_faint(found: SearchResult) -> bool:
         return False
     before, after = channel_sizes(found, found.base), channel_sizes(found, found.final)
     above = before > WITHIN_NOISE
-    if not above.any() or _heldout_rms(found, found.base.residual) > WITHIN_NOISE:
-        return not above.any()
+    if not above.any():
+        return True
+    if _heldout_rms(found, found.base.residual) > WITHIN_NOISE:
+        return False
     left = np.maximum(after[above] ** 2 - 1.0, 0.0).sum()
     return bool(left > (1.0 - MIN_REDUCTION) * (before[above] ** 2 - 1.0).sum())
 
