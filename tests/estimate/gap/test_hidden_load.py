@@ -23,7 +23,9 @@ from omnimj.estimate.gap.sentences import next_step, summarize_finding
 from omnimj.estimate.intervals import jackknife_deviations
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter, Setting
 from omnimj.estimate.replay.mjcf import settings
+from omnimj.estimate.replay.mjcf.experiments import machine_experiments
 from omnimj.estimate.replay.problem import Problem, fit, polish
+from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.signals import Array
 
 MASS = CandidateParameter("mass", "kg", -0.1, 3.0, 0.01, 0.0, times="distance", least=-0.5)
@@ -54,6 +56,19 @@ def test_a_body_reaches_beyond_its_centre_of_mass_as_far_as_its_last_geom(length
     )
     centre = 0.5 * (0.5 + share) * length
     assert settings._beyond_centre(model, 1) == pytest.approx(length - centre, abs=2e-4)
+
+
+@pytest.mark.parametrize("peak", [0.0, 0.2, 3.0])
+def test_a_proposed_load_is_half_the_links_mass_or_half_of_what_the_motor_held(tmp_path, peak):
+    (tmp_path / "bar.xml").write_text(
+        '<mujoco><worldbody><body name="bar"><joint name="shaft" axis="0 1 0"/>'
+        '<geom type="capsule" size="0.01" fromto="0 0 0 0 0 -0.4" mass="0.3"/></body></worldbody>'
+        '<actuator><motor joint="shaft"/></actuator></mujoco>'
+    )
+    machine = read_machine_file(tmp_path / "bar.xml")
+    span = settings.JointSpan(-1.0, 1.0, 5.0, 10.0, 0.5 * peak, peak, True)
+    masses = {one.run.get("added_mass", 0.0) for one in machine_experiments(machine, {"shaft": span})}
+    assert sorted(masses) == [0.0, pytest.approx(0.5 * max(0.3, peak / (9.81 * 0.2)), rel=0.05)]
 
 
 class Lever:

@@ -10,12 +10,12 @@ import numpy as np
 from omnimj.effects.parts import BODY, Part
 from omnimj.estimate.replay.interface import Experiment
 from omnimj.estimate.replay.mjcf.log import MachineLog
-from omnimj.estimate.replay.mjcf.settings import Spans
+from omnimj.estimate.replay.mjcf.settings import Spans, held_mass
 from omnimj.plant.mujoco.machine import Machine
 from omnimj.signals import Array
 
 _LENGTH = 8.0  # [s]
-_LOAD = 0.5  # added mass over that of the bodies
+_LOAD = 0.5  # added mass over that of the bodies, or over what the measured forces hold
 # share of the measured range, and of the joint's top speed
 _MOVES = {
     "slow sweep": (1.0, 0.05, "slowly over the whole range and back"),
@@ -39,13 +39,19 @@ def machine_experiments(machine: Machine, spans: Spans) -> tuple[Experiment, ...
                 about = {"joint": joint, "move": name, "duration": _LENGTH}
                 found.append(Experiment(f"{name} of {joint}", f"move {joint} {words}", about))
     if len(machine.joints) == 1 and machine.parts(BODY):
-        found += [_loaded(machine, one) for one in found]
+        added = _load(machine, spans)
+        found += [_loaded(one, added) for one in found]
     return tuple(found)
 
 
-def _loaded(machine: Machine, plain: Experiment) -> Experiment:
-    """Motion with a mass put on: separates effects that scale with mass from those that do not."""
-    added = round(_LOAD * float(machine.mj_model.body_mass.sum()), 3)
+def _load(machine: Machine, spans: Spans) -> float:
+    """Mass to put on the last body [kg]: a light link under a strong motor needs more than its own weight."""
+    own = float(machine.mj_model.body_mass.sum())
+    return float(f"{_LOAD * max(own, held_mass(machine, machine.parts(BODY)[-1], spans)):.2g}")
+
+
+def _loaded(plain: Experiment, added: float) -> Experiment:
+    """Motion with a mass put on [kg]: separates effects that scale with mass from those that do not."""
     run = {**plain.run, "added_mass": added}
     return Experiment(f"{plain.name}, loaded", f"{plain.words}, {added:g} kg put on", run)
 

@@ -294,13 +294,12 @@ def _payload(effect: Effect, machine: Machine, body: str, spans: Spans) -> tuple
     """
     m = machine.mj_model
     k = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, body)
-    anchor, _ = joint_to_centre(m, k)
-    arm = float(np.linalg.norm(m.body_ipos[k] - anchor))
+    arm = _arm(m, k)
     mass, carried = float(m.body_mass[k]), float(m.body_subtreemass[k])
     first, second = map(_plain, effect.parameters)
     low, typical = -0.9 * mass, _ADDED * carried
-    most = max(_MOST_CARRIED * carried, _held(k, machine, spans) / max(arm, 1e-6))
-    if arm < 1e-6:
+    most = max(_MOST_CARRIED * carried, held_mass(machine, body, spans))
+    if arm == 0.0:
         first = dataclasses.replace(first, low=low, high=_MOST_CARRIED * carried, typical=typical)
         return first, dataclasses.replace(second, low=0.0, high=0.0, typical=0.0, trials=(0.0,))
     first = dataclasses.replace(first, low=low * arm, high=most * arm, typical=typical * arm)
@@ -320,14 +319,22 @@ def _beyond_centre(m: mujoco.MjModel, body: int) -> float:
     return float(ends.max(initial=0.0))
 
 
-def _held(body: int, machine: Machine, spans: Spans) -> float:
-    """Moment of a mass [kg.m] whose weight the largest force at a body's hinge can hold; 0 without."""
+def held_mass(machine: Machine, body: str, spans: Spans) -> float:
+    """Mass at a body's centre whose weight the largest force at its hinge can hold [kg]; 0 without."""
     m = machine.mj_model
-    weight = float(np.linalg.norm(m.opt.gravity))
-    if weight == 0.0:
+    k = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, body)
+    moment = float(np.linalg.norm(m.opt.gravity)) * _arm(m, k)
+    if moment == 0.0:
         return 0.0
-    hinges = [j for k, j in enumerate(machine.joints) if m.jnt_bodyid[k] == body and is_hinge(m, j)]
-    return max((spans[j].peak / weight for j in hinges if j in spans), default=0.0)
+    hinges = [name for j, name in enumerate(machine.joints) if m.jnt_bodyid[j] == k and is_hinge(m, name)]
+    return max((spans[name].peak / moment for name in hinges if name in spans), default=0.0)
+
+
+def _arm(m: mujoco.MjModel, body: int) -> float:
+    """Distance from a body's joint to its centre of mass [m]; 0 below a micrometre."""
+    anchor, _ = joint_to_centre(m, body)
+    arm = float(np.linalg.norm(m.body_ipos[body] - anchor))
+    return arm if arm >= 1e-6 else 0.0
 
 
 def free_curves(spans: Spans) -> dict[str, float]:
