@@ -90,7 +90,10 @@ SECTIONS = (
         "Explanation",
         ("architecture.md", "equations.md", "diagnosis.md", "recovery.md", "gap.md", "threats.md"),
     ),
-    Section("Results", ("validation.md", "evaluation.md", "gap_benchmark.md", "real_machines.md", "results.md")),
+    Section(
+        "Results",
+        ("validation.md", "evaluation.md", "gap_benchmark.md", "real_machines.md", "results.md"),
+    ),
     Section("Project", ("changelog.md", "development.md", "cite.md")),
 )
 OTHERS = "How-to"

@@ -52,6 +52,14 @@ class EffectTerms(NamedTuple):
     """Amplitude of a force on carriage or hub [N]."""
     ripple_order: float
     """Its periods per turn of the wheel."""
+    repeating_sine: float
+    """Amplitude of a force that repeats with angle or place: its part sin(n φ + k x) [N]."""
+    repeating_cosine: float
+    """Its part cos(n φ + k x) [N]."""
+    repeating_order: float
+    """Its periods per turn n of the wheel."""
+    repeating_wave: float
+    """Its wave number k along the guide [rad/m]."""
     axle_dry: float
     """Dry friction at the axle [N.m]."""
     axle_viscous: float
@@ -97,8 +105,8 @@ CURVE_VARIABLES = ("speed", "position", "time", "lateral_speed", "wheel_angle")
 """Variables of a tabulated force: m/s, m, s, m/s, rad (one turn, closed)."""
 _SPEED, _POSITION, _TIME, _LATERAL, _ANGLE = range(1, 6)  # their codes; 0: no curve
 
-_SHAPES = ("active", "stribeck_speed", "sticky_place", "sticky_width", "ripple_order", "cogging_order",
-           "rotor_inertia", "patch_start", "patch_end")  # fmt: skip
+_SHAPES = ("active", "stribeck_speed", "sticky_place", "sticky_width", "ripple_order", "repeating_order",
+           "repeating_wave", "cogging_order", "rotor_inertia", "patch_start", "patch_end")  # fmt: skip
 _AMPLITUDES = (
     *(place for name, place in TERM.items() if name not in _SHAPES),
     *(_SCALARS + k * _CURVE_SIZE for k in range(CURVES)),
@@ -223,6 +231,16 @@ def mean_ripple(amplitude, order, angle, speed, h):
 
 
 @kernel
+def _repeating_force(terms, position, speed, angle, wheel_speed, h):
+    """Mean of a sin ψ + b cos ψ over h seconds at constant speeds, ψ = n φ + k x [N]."""
+    rate = terms.repeating_order * wheel_speed + terms.repeating_wave * speed
+    half = 0.5 * rate * h
+    middle = terms.repeating_order * angle + terms.repeating_wave * position + half
+    fade = 1.0 if abs(half) < 1e-6 else math.sin(half) / half
+    return fade * (terms.repeating_sine * math.sin(middle) + terms.repeating_cosine * math.cos(middle))
+
+
+@kernel
 def guide_dry_friction(terms, speed, position):
     """Dry friction added on the guide: constant, near standstill, and at one place [N].
 
@@ -242,11 +260,14 @@ def guide_dry_friction(terms, speed, position):
 def guide_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h):
     """Force added on the carriage besides dry friction and gravity [N].
 
-    F = −d v − k x + F_0 − c v |v| + A sin(n φ) + tabulated; arguments as for `curve_force`.
+    F = −d v − k x + F_0 − c v |v| + A sin(n φ) + a sin ψ + b cos ψ + tabulated; arguments as for
+    `curve_force`, ψ as for `_repeating_force`.
     """
     force = -terms.guide_viscous * speed - terms.cable * position + terms.cable_force
     force -= terms.air * speed * abs(speed)
     force += mean_ripple(terms.ripple, terms.ripple_order, angle, wheel_speed, h)
+    if terms.repeating_sine != 0.0 or terms.repeating_cosine != 0.0:
+        force += _repeating_force(terms, position, speed, angle, wheel_speed, h)
     return force + curve_force(terms, speed, position, time, lateral_speed, angle)
 
 

@@ -54,6 +54,7 @@ def digest(
         "summary": sentences.summarize_finding(finding),
         "reason": finding.reason,
         "incomplete": finding.incomplete,
+        "outside": None if finding.outside is None else vars(finding.outside),
         "remains": finding.remains,
         "tolerated": list(finding.tolerated),
         "effects": [_effect(effect) for effect in finding.effects],

@@ -105,7 +105,7 @@ def analyse_replay(
     is_named = verdict.kind in ("named", "ambiguous")
     labels = tuple(n.candidate.label for n in found.named) if is_named else ()
     rivals = {r.candidate.label for n in found.named for r in n.rivals} if is_named else set()
-    after = found.final if is_named else None
+    after = found.described if is_named else None
     mismatch_before = _mismatch(found.first, found.base)
     mismatch_after = None if after is None else _mismatch(found.problem, after)
     was = _in_noise(found, mismatch_before)
@@ -143,6 +143,7 @@ def analyse_replay(
         failure="interrupted" if found.interrupted else "",
         regimes={name: unit for name, (unit, _) in regimes.items()},
         remains=verdict.remains,
+        outside=verdict.outside,
         tolerated=verdict.tolerated,
         undetermined=verdict.undetermined,
         incomplete=verdict.incomplete,

@@ -114,6 +114,16 @@ class GivenUp:
 
 
 @dataclass(frozen=True)
+class Outside:
+    """Structure outside the library that was found beside the effects."""
+
+    words: str
+    """Description with its size: `a force of 0.49 N that repeats every 0.228 m`."""
+    remains: float
+    """Held-out mismatch with it, RMS over all channels in units of noise."""
+
+
+@dataclass(frozen=True)
 class Stage:
     """Round of the selection: candidates in the order of their gain, and gains of the decoys."""
 
@@ -187,6 +197,8 @@ class Finding(Displayed):
     """Regime variable → its unit."""
     remains: float | None = None
     """Held-out mismatch of the last model, RMS over all channels in units of noise."""
+    outside: Outside | None = None
+    """Structure outside the library: in no model file, and left out of all mismatches after the effects."""
     tolerated: tuple[str, ...] = ()
     """Labels of effects that would explain the gap, but within the tolerance of the equations."""
     undetermined: GivenUp | None = None

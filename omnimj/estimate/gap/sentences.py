@@ -118,9 +118,15 @@ def _unexplained(finding: Finding) -> str:
         )
     open_one = finding.undetermined
     if open_one is None:
-        return ", and no effect in the library explains it"
+        return f", and no effect in the library explains it{_outside(finding)}"
     share = format_percent(open_one.gain.value)
     return f"; {open_one.label} would remove {share} of it, but {open_one.reason}"
+
+
+def _outside(finding: Finding) -> str:
+    """Structure outside the library: `; with a force of … 1 times the noise would remain`."""
+    one = finding.outside
+    return "" if one is None else f"; with {one.words} it would be {format_in_noise(one.remains)}"
 
 
 def _lacks(finding: Finding) -> str:
@@ -141,8 +147,8 @@ def _summarize_incomplete(finding: Finding) -> str:
     where = ""
     if place is not None and place.channel in finding.channels:
         where = f", most of it in the {finding.channels[place.channel][1]} ({format_regime(place)})"
-    curve, best = "", _best_free_curve(finding)
-    if best is not None:
+    curve, best = _outside(finding), _best_free_curve(finding)
+    if best is not None and finding.outside is None:
         variable, share = best
         curve = f"; a free curve over {variable_words(variable)} would remove {format_percent(share)} of it"
     return f"Incomplete. {named} Something else is missing as well{rest}{where}{curve}."
@@ -254,6 +260,8 @@ def next_step(finding: Finding) -> str:
     if finding.verdict == "unexplained" and finding.undetermined is not None:
         narrower = "state the uncertain constants of the model file more closely"
         return f"Drive faster, heavier or longer, or {narrower}, to determine {finding.undetermined.label}."
+    if finding.outside is not None:
+        return f"Look for {finding.outside.words}: joints, teeth, something out of true."
     if finding.verdict == "unexplained":
         return _summarize_free_curve(finding)
     if finding.verdict == "no_gap":

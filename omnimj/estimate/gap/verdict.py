@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from omnimj.estimate.gap.records import GivenUp
+from omnimj.estimate.gap.records import GivenUp, Outside
 from omnimj.estimate.gap.search.candidates import NOISE_LEVEL, parameter_slice
 from omnimj.estimate.gap.search.cross_validation import group_losses
 from omnimj.estimate.gap.search.screening import curve_gains
@@ -25,6 +25,7 @@ from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import join_words, variable_words
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, fit
+from omnimj.estimate.replay.repeating_force import describe_repeating_force
 
 MIN_EXPLAINED = 0.88
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
@@ -61,11 +62,14 @@ class Verdict:
     flexible: dict[str, float]
     """Variable → gain of a free curve of it beyond the last model."""
     remains: float
-    """Held-out mismatch of the last model, RMS over all channels in units of noise."""
+    """Held-out mismatch of the last model that a model file can state, RMS over all channels in units of
+    noise."""
     tolerated: tuple[str, ...] = ()
     """Labels of effects that explain the mismatch, but within the tolerance of the equations."""
     undetermined: GivenUp | None = None
     """Where nothing is named, the effect that gains most of those whose size the data do not determine."""
+    outside: Outside | None = None
+    """Structure outside the library."""
 
     @property
     def incomplete(self) -> bool:
@@ -92,6 +96,19 @@ class _Achieved:
 
 def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
+    return replace(_judge_effects(found), outside=_outside(found))
+
+
+def _outside(found: SearchResult) -> Outside | None:
+    if found.outside is None:
+        return None
+    numbers = found.final.x[parameter_slice(found.problem, found.final, found.outside)]
+    return Outside(
+        describe_repeating_force(found.outside, numbers), _heldout_rms(found, found.final.residual)
+    )
+
+
+def _judge_effects(found: SearchResult) -> Verdict:
     if not found.named or _is_faint(found):
         return _nothing_named(found)
     achieved, flexible = _measure_achieved(found)
@@ -103,9 +120,10 @@ def judge_search(found: SearchResult) -> Verdict:
         return Verdict("no_gap", _format_noise(achieved.was), None, flexible, achieved.was)
     if refusal is not None:
         return Verdict("unexplained", refusal, achieved.explained, flexible, achieved.was, tolerated)
-    words = f"{_format_explained(achieved)}; {achieved.rest:.2g} × the noise remains"
+    rest = _heldout_rms(found, found.described.residual)
+    words = f"{_format_explained(achieved)}; {rest:.2g} × the noise remains"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
-    return Verdict(kind, words, achieved.explained, flexible, achieved.rest)
+    return Verdict(kind, words, achieved.explained, flexible, rest)
 
 
 def _is_faint(found: SearchResult) -> bool:

@@ -112,6 +112,8 @@ class CandidateEffect:
     """True if a small amplitude changes nothing."""
     quantity: str = ""
     """Base parameter that is the same quantity; empty without one."""
+    is_outside: bool = False
+    """True for structure outside the library, which is described and not named."""
     has_impacts: bool = False
     """True if predictions have no fine derivative by its amplitude."""
 
@@ -184,6 +186,9 @@ class Replay(Protocol):
     candidates: tuple[CandidateEffect, ...]
     curves: Mapping[str, float]
     """Variable of each free curve → typical force [N]."""
+    repeating_forces: tuple[CandidateEffect, ...]
+    """Forces that repeat along the way, which no effect of the library is: amplitudes of sine and cosine, and
+    the period."""
     most_effects: int
     """Largest number of effects in a model."""
     notes: tuple[str, ...]

@@ -74,7 +74,7 @@ def search_result(base, final, residual=None, after=None):
     """Result of a search on four blocks, the last two held out, that names one effect."""
     replay = SimpleNamespace(base=tuple(base), measured=np.zeros((4, 2)))
     last = SimpleNamespace(x=np.array(final), residual=residual if after is None else after)
-    fits = {"base": SimpleNamespace(residual=residual), "final": last}
+    fits = {"base": SimpleNamespace(residual=residual), "final": last, "outside": None}
     used = np.array([True, True, False, False])
     return cast(Any, SimpleNamespace(problem=SimpleNamespace(replay=replay), used=used, **fits))
 
@@ -130,7 +130,7 @@ def test_what_effects_explain_too_little_of_is_no_gap_at_the_level_of_noise(monk
     monkeypatch.setattr(judging, "_measure_achieved", lambda found: (achieved, {"speed": 0.3}))
     monkeypatch.setattr(judging, "_is_faint", lambda found: False)
     monkeypatch.setattr(judging, "channel_sizes", lambda found, model: np.array([0.5, loudest]))
-    found = cast(Any, SimpleNamespace(named=(SimpleNamespace(),), base=None))
+    found = cast(Any, SimpleNamespace(named=(SimpleNamespace(),), base=None, outside=None))
     verdict = judge_search(found)
     assert verdict.kind == kind and verdict.remains == was
     assert (f"{was:.2g} × its noise" in verdict.reason) == (kind == "no_gap")

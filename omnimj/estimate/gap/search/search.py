@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -14,8 +15,12 @@ from omnimj.estimate.gap.records import UNDETERMINED, GivenUp
 from omnimj.estimate.gap.search.candidates import (
     MARGIN,
     NOISE_LEVEL,
+    CurrentModel,
     exceeds_margin,
+    fit_candidate,
     fit_without,
+    parameter_slice,
+    refine_leaders,
     training_rms,
 )
 from omnimj.estimate.gap.search.cross_validation import (
@@ -34,7 +39,7 @@ from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
 from omnimj.estimate.gap.search.uncertainty import parameter_reach, undetermined
 from omnimj.estimate.intervals import block_noise
-from omnimj.estimate.replay.interface import Replay
+from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, polish, reevaluate
 from omnimj.signals import Array
 
@@ -44,6 +49,7 @@ _AS_LITTLE = 1.05  # multiple of a loss that is about as small
 _MOST_REFITS = 3
 _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
 _MOST_TRIES = 2  # additions of one round that may fail
+_LARGE = 0.3  # share of the squared mismatch that a force must explain to first order to be tried
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,7 @@ class SearchResult:
     base: Fit
     final: Fit
     named: tuple[SelectedEffect, ...]
+    """Effects of the library in the last model."""
     rounds: tuple[SelectionRound, ...]
     """Rounds of the search; where a gap was left, nothing was added in the last one."""
     outcomes: tuple[str, ...] = ()
@@ -78,6 +85,22 @@ class SearchResult:
     def used(self) -> NDArray[np.bool_]:
         """Blocks fitted to, shape (blocks,)."""
         return self.split.used
+
+    @property
+    def outside(self) -> CandidateEffect | None:
+        """Structure outside the library in the last model."""
+        return next((c for c in self.final.effects if c.is_outside), None)
+
+    @cached_property
+    def described(self) -> Fit:
+        """The last model without structure outside the library: what a model file can say."""
+        if self.outside is None:
+            return self.final
+        own = parameter_slice(self.problem, self.final, self.outside)
+        effects = tuple(c for c in self.final.effects if not c.is_outside)
+        x, jacobian = np.delete(self.final.x, own), np.delete(self.final.jacobian, own, axis=1)
+        (residual,) = self.problem.residuals([x], effects)
+        return Fit(effects, x, residual, jacobian, np.inf)
 
     @property
     def curves(self) -> CurveGains | None:
@@ -203,7 +226,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         split,
         base,
         with_totals(state.problem, state.final),
-        state.named,
+        tuple(n for n in state.named if not n.candidate.is_outside),
         tuple(growing.rounds),
         tuple(growing.outcomes),
         growing.given_up(),
@@ -297,15 +320,47 @@ class _Growing:
         """Run rounds until one of them leaves the model as it was."""
         if self.state.problem.replay.backward_elimination and self.mismatch() > NOISE_LEVEL:
             self._eliminate_backward()
+        self._add_while_it_helps()
+        self._try_fewer()
+        self._try_repeating_force()
+        self._give_up_undetermined()
+
+    def _add_while_it_helps(self) -> None:
         while not self.ended:
             found = self._next_round()
-            if len(self.state.named) == self._most:
+            if len(self.state.named) >= self._most:
                 self.ended = f"the model has {self._most} effects, the largest number"
                 self.outcomes.append(self.ended)
                 break
             self.ended = self._grow(found)
-        self._try_fewer()
-        self._give_up_undetermined()
+
+    def _try_repeating_force(self) -> None:
+        """Allow a force that repeats along the way, and keep it if nothing but noise is left with it.
+
+        Effects of the library that made up for a part of it are needless beside it, and others that it hid
+        can be found.
+        """
+        forces, first, split = self.problem.replay.repeating_forces, self.state, self.split
+        if self.mismatch() <= NOISE_LEVEL:
+            return
+        self._report("trying a force that repeats", 0.9)
+        model = CurrentModel(first.problem, first.final, split)
+        screened = screen_candidates(first.problem, first.final, forces, split.used)
+        screened = [one for one in screened if one.share >= _LARGE]
+        if not screened:
+            return
+        tried = refine_leaders(model, [fit_candidate(model, one) for one in screened], screened)
+        best = min(tried, key=lambda one: float(one.losses.sum()))
+        kept = self._near, self.ended, dict(self._given_up)
+        count = len(self.rounds)
+        self._judge(best.fit)
+        self.ended = ""
+        self._add_while_it_helps()
+        if self.mismatch() <= NOISE_LEVEL and best.candidate.label in self.state.final.labels:
+            self.outcomes[count - 1] += f"; {best.candidate.words} joined the model"
+            return
+        self.state, (self._near, self.ended, self._given_up) = first, kept
+        del self.rounds[count:], self.outcomes[count:]
 
     def compare_with(self, replay: Replay) -> None:
         """Judge the effects given all candidates of a replay, and their intervals."""

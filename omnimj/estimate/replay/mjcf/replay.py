@@ -83,6 +83,7 @@ class MachineReplay:
     """Replay of a dataset of any machine; implements `replay.interface.Replay`."""
 
     backward_elimination = False
+    repeating_forces: tuple[CandidateEffect, ...] = ()
 
     def __init__(
         self, dataset: Dataset, machine: Machine, *, window: float = WINDOW, threads: int | None = None

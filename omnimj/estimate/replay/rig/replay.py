@@ -25,6 +25,7 @@ from omnimj.estimate.replay.interface import (
     Setting,
     candidate_effects,
 )
+from omnimj.estimate.replay.repeating_force import repeating_forces, with_repeating_force
 from omnimj.estimate.replay.rig import kernels as native
 from omnimj.estimate.replay.rig.runs import (
     RigRuns,
@@ -160,13 +161,17 @@ class RigReplay:
         hidden = () if self._runs.target is not None else ("supply_sag",)
         self.candidates: tuple[CandidateEffect, ...] = candidate_effects(self.plant, self._spans, hidden)
         self._by_label = {c.label: c for c in self.candidates}
+        self._turn = 2.0 * math.pi * rig.wheel.radius
+        self.repeating_forces: tuple[CandidateEffect, ...] = repeating_forces(self._turn)
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
         return map_in_threads(lambda s: self._equations(s, self._runs, measured=True), settings)
 
     def based(self, setting: Setting) -> AdjustedMachine[Rig]:
-        """Rig with the base parameters and effects of a setting."""
+        """Rig with the base parameters and effects of a setting, those of the library."""
+        known = {label: values for label, values in setting.effects.items() if label in self._by_label}
+        setting = dataclasses.replace(setting, effects=known)
         return adjusted_machine(self._rig, self._floors, self.base, self._by_label, setting)
 
     def _equations(self, setting: Setting, runs: RigRuns, measured: bool) -> Array:
@@ -175,6 +180,7 @@ class RigReplay:
         changed = apply_effects(based.machine)
         curve = None if setting.curve is None else (*setting.curve, self._spans[setting.curve[0]])
         terms = with_free_curve(changed.terms[:1], curve)[0]
+        terms = with_repeating_force(terms, self.repeating_forces, setting.effects, self._turn)
         current = true_current(runs, changed.channels, based.lags) if measured else runs.current
         (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
         motor = np.array(driven_by_measured_current(motor) if measured else motor)

@@ -108,6 +108,7 @@ class RobotReplay:
 
     plant = ROBOT
     most_effects, backward_elimination, notes = MOST_EFFECTS, False, ()
+    repeating_forces: tuple[CandidateEffect, ...] = ()
 
     def __init__(
         self,

@@ -71,6 +71,7 @@ class SteadyReplay:
     """Replay of a dataset of steady driving with a measured pose."""
 
     plant, backward_elimination, notes = ROBOT, True, ()
+    repeating_forces: tuple[CandidateEffect, ...] = ()
 
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.

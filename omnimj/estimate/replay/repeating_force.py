@@ -1,0 +1,85 @@
+"""A force that repeats along the way: F = a sin(2π s/p) + b cos(2π s/p).
+
+s is the way that the wheel rolled, or the place on the rail. Joints of a rail, teeth of a belt, a bent axle:
+no library lists all that may repeat along the way. The search may have such a force in its model, so that the
+effects of the library need not stand in for it. It is described and never named. Its periods are longer than
+those of rollers and motor poles, which are effects of the library.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
+from omnimj.physics.effect_terms import TERM, mark_active
+from omnimj.signals import Array
+
+_ALONG = {"rolled": "that the wheel rolls", "rail": "along the rail"}
+_ORDERS = 0.65, 4.5  # periods per turn of the wheel
+_STEP = 0.14  # of trial orders: a few turns of a run tell orders apart that differ by about 0.2
+_TYPICAL, _MOST = 0.5, 10.0  # [N]
+
+
+def repeating_forces(turn: float) -> tuple[CandidateEffect, ...]:
+    """The force as candidates: one that goes with the wheel, one with the rail.
+
+    Args:
+      turn: Way of one turn of the wheel [m].
+    """
+    lowest, highest = _ORDERS
+    periods = tuple(float(turn / order) for order in np.arange(lowest + _STEP, highest, _STEP))
+    parts = [CandidateParameter(n, "N", -_MOST, _MOST, _TYPICAL, 0.0) for n in ("sine", "cosine")]
+    period = CandidateParameter("period", "m", turn / highest, turn / lowest, turn, None, periods)
+    return tuple(
+        CandidateEffect(
+            f"repeating force ({along})",
+            "",
+            f"a force that repeats {words}",
+            (*parts, period),
+            turns_with_wheel=True,
+            is_outside=True,
+        )
+        for along, words in _ALONG.items()
+    )
+
+
+def with_repeating_force(
+    terms: Array, forces: tuple[CandidateEffect, ...], effects: Mapping[str, Array], turn: float
+) -> Array:
+    """Packed effect terms, shape (TERMS,), with the force of a model; the same terms without one.
+
+    Args:
+      terms: Packed terms of the wheel.
+      forces: `repeating_forces`.
+      effects: Label → fitted numbers of the model's effects.
+      turn: Way of one turn of the wheel [m].
+    """
+    rolled, rail = (force.label for force in forces)
+    if rolled in effects:
+        sine, cosine, period = effects[rolled].tolist()
+        order, wave = turn / period, 0.0
+    elif rail in effects:
+        sine, cosine, period = effects[rail].tolist()
+        order, wave = 0.0, 2.0 * math.pi / period
+    else:
+        return terms
+    changed = terms.copy()
+    places = [TERM[f"repeating_{name}"] for name in ("sine", "cosine", "order", "wave")]
+    changed[places] = sine, cosine, order, wave
+    mark_active(changed[None])
+    return changed
+
+
+def describe_repeating_force(force: CandidateEffect, numbers: Array) -> str:
+    """Size and period in words: `a force of 0.49 N that repeats every 0.228 m along the rail`.
+
+    Args:
+      force: One of `repeating_forces`.
+      numbers: Its fitted numbers, shape (3,).
+    """
+    sine, cosine, period = numbers.tolist()
+    along = force.words.partition("repeats ")[2]
+    return f"a force of {math.hypot(sine, cosine):.2g} N that repeats every {period:.3g} m {along}"
