@@ -32,22 +32,20 @@ from omnimj.estimate.gap.search.cross_validation import (
 )
 from omnimj.estimate.gap.search.elimination import eliminate
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
+from omnimj.estimate.gap.search.refitting import fit_base, refit
 from omnimj.estimate.gap.search.screening import CurveGains, screen_candidates
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, effective_share, select_round
 from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
 from omnimj.estimate.gap.search.uncertainty import parameter_reach, undetermined
-from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
-from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, polish, reevaluate
+from omnimj.estimate.replay.problem import Fit, Problem, fit, polish, reevaluate
 from omnimj.signals import Array
 
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
 _MANY = 3  # effects from which fewer, or another start, are tried
 _AS_LITTLE = 1.05  # multiple of a loss that is about as small
-_MOST_REFITS = 3
-_STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
 _MOST_TRIES = 2  # additions of one round that may fail
 _LARGE = 0.3  # share of the squared mismatch that a force must explain to first order to be tried
 
@@ -106,93 +104,6 @@ class SearchResult:
     def curves(self) -> CurveGains | None:
         """Gains of curves beyond the model of the last round."""
         return self.rounds[-1].curves if self.rounds else None
-
-
-def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
-    """The problem with the twin simulated at a model: offset = twin − equations there.
-
-    Both are simulated without what turns with the wheel: out of phase, its difference would not cancel.
-
-    Args:
-      problem: The data and the scale.
-      x: Parameters of the model, shape (n,).
-      effects: Effects in the model.
-    """
-    setting, _ = problem.split(x, effects)
-    locked = {c.label for c in effects if c.turns_with_wheel}
-    setting = replace(setting, effects={k: v for k, v in setting.effects.items() if k not in locked})
-    twin = problem.replay.simulate_twin(setting)
-    if twin is None:
-        return problem
-    (plain,) = problem.replay.simulate([setting])
-    return replace(problem, offset=twin - plain)
-
-
-def robust_scale(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Problem:
-    """The problem with a Huber scale of three times the scatter, at least five times the noise.
-
-    Args:
-      problem: The data and the scale.
-      fitted: Model whose residual gives the scatter.
-      used: Blocks that count, shape (blocks,).
-    """
-    middle = float(np.median(np.abs(fitted.residual[used])))
-    return replace(problem, huber_scale=max(5.0, 3.0 * 1.4826 * middle))
-
-
-def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple[Problem, Fit]:
-    """Fit the base inside its boxes; estimate the noise of the data and the Huber scale.
-
-    Three fits, since the noise is estimated from the residual of a fitted model.
-
-    Args:
-      replay: The plant with the measured runs.
-      used: Blocks to fit to, shape (blocks,).
-      report: Called with a phrase and the completed share.
-    """
-    channels = len(replay.channels)
-    problem = Problem(replay, np.ones(channels))
-    nominal = np.array([b.nominal for b in replay.base])
-    report("simulating the twin", 0.0)
-    problem = with_twin_correction(problem, nominal, ())
-    (mismatch,) = problem.mismatches([problem.start()], ())
-    problem = replace(problem, noise=block_noise(replay, mismatch))
-    (residual,) = problem.residuals([problem.start()], ())
-    fitted = Fit((), problem.start(), residual, np.zeros((0, 0)), 0.0)
-    for k in range(2):
-        report("refitting the base", k / 3)
-        problem = robust_scale(problem, fitted, used)
-        fitted = fit(problem, (), fitted.x, used)
-        # the difference between twin and equations depends on the base
-        problem = with_twin_correction(problem, fitted.x, ())
-        (mismatch,) = problem.mismatches([fitted.x], ())
-        problem = replace(problem, noise=block_noise(replay, mismatch))
-        fitted = reevaluate(fitted, problem)
-    return problem, fit(problem, (), fitted.x, used)
-
-
-def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Problem, Fit]:
-    """Refit with the twin simulated at the new model and the noise estimated anew, until neither changes it.
-
-    The noise can only shrink.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The new model.
-      used: Blocks to fit to, shape (blocks,).
-    """
-    for _ in range(_MOST_REFITS):
-        problem = with_twin_correction(problem, fitted.x, fitted.effects)
-        (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
-        noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))
-        problem = replace(problem, noise=noise)
-        before = reevaluate(fitted, problem)
-        problem = robust_scale(problem, before, used)
-        moved = float(np.sqrt(((before.residual - fitted.residual)[used] ** 2).mean()))
-        fitted = fit(problem, fitted.effects, fitted.x, used)
-        if moved < max(_STILL, _CONVERGED * float(np.sqrt((fitted.residual[used] ** 2).mean()))):
-            break
-    return problem, fitted
 
 
 def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
