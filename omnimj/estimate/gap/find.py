@@ -21,7 +21,7 @@ from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
 from omnimj.estimate.gap.check.suspicions import DataCheck
 from omnimj.estimate.gap.locate.regimes import locate
 from omnimj.estimate.gap.plants import find_plant, in_terms_of, read_machine
-from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
+from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted, Stage
 from omnimj.estimate.gap.search.candidates import parameter_slice
 from omnimj.estimate.gap.search.judgement import SelectedEffect
 from omnimj.estimate.gap.search.search import SearchResult, search
@@ -103,8 +103,6 @@ def analyse_replay(
     found = search(cast(Replay, counted), holdout, seed, report or (lambda phrase, share: None))
     verdict = judge_search(found)
     is_named = verdict.kind in ("named", "ambiguous")
-    labels = tuple(n.candidate.label for n in found.named) if is_named else ()
-    rivals = {r.candidate.label for n in found.named for r in n.rivals} if is_named else set()
     after = found.described if is_named else None
     mismatch_before = _mismatch(found.first, found.base)
     mismatch_after = None if after is None else _mismatch(found.problem, after)
@@ -128,10 +126,7 @@ def analyse_replay(
         noise=dict(zip(names, noise.tolist(), strict=True)),
         heldout_runs=_heldout_runs(found),
         refitted=_refitted(found.problem, after or found.base),
-        stages=tuple(
-            r.stage(labels, rivals, o)
-            for r, o in itertools.zip_longest(found.rounds, found.outcomes, fillvalue="")
-        ),
+        stages=_stages(found, is_named),
         flexible=verdict.flexible,
         overlays=_overlays(found, mismatch_before, mismatch_after, about),
         data_notes=about.notes,
@@ -153,6 +148,15 @@ def analyse_replay(
         model=about.model,
         heldout_total=(was, rest),
     )
+
+
+def _stages(found: SearchResult, is_named: bool) -> tuple[Stage, ...]:
+    """Rounds of the search; the last one may have been interrupted before its outcome."""
+    named = found.named if is_named else ()
+    labels = tuple(n.candidate.label for n in named)
+    rivals = {r.candidate.label for n in named for r in n.rivals}
+    pairs = itertools.zip_longest(found.rounds, found.outcomes, fillvalue="")
+    return tuple(one.stage(labels, rivals, outcome) for one, outcome in pairs)
 
 
 def _traction(replay: Replay, found: SearchResult, after: Fit | None) -> tuple[TractionCurves, ...]:

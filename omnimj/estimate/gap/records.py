@@ -118,7 +118,11 @@ class Outside:
     """Structure outside the library that was found beside the effects."""
 
     words: str
-    """Description with its size: `a force of 0.49 N that repeats every 0.228 m`."""
+    """Description with its size: `a force of 0.49 N that repeats every 0.228 m along the rail`."""
+    force: float
+    """Amplitude [N]."""
+    period: float
+    """[m]"""
     remains: float
     """Held-out mismatch with it, RMS over all channels in units of noise."""
 

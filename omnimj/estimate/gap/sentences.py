@@ -18,6 +18,7 @@ _VARIABLES = {
     "time": "time since start",
     "carriage_acceleration": "acceleration",
 }
+_REPEATING = "joints, teeth, something out of true"
 _MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis", "mjcf": "machine"}
 
 
@@ -88,15 +89,21 @@ def headline(finding: Finding) -> str:
 
 
 def summarize_finding(finding: Finding) -> str:
-    """Verdict as one or two sentences."""
-    if finding.failure:
-        return f"{_unfinished(finding)} {_verdict(finding)}"
-    return _verdict(finding)
+    """Verdict as a few sentences."""
+    parts = (_unfinished(finding) if finding.failure else "", _verdict(finding), _with_outside(finding))
+    return " ".join(filter(None, parts))
 
 
 def _unfinished(finding: Finding) -> str:
     why = "was interrupted" if finding.failure == "interrupted" else f"ended early ({finding.failure})"
     return f"The search {why}; this is the result so far."
+
+
+def _with_outside(finding: Finding) -> str:
+    if finding.outside is None:
+        return ""
+    left = format_in_noise(finding.outside.remains)
+    return f"With {finding.outside.words} in the model, {left} would remain; the library has no such force."
 
 
 def _verdict(finding: Finding) -> str:
@@ -118,15 +125,9 @@ def _unexplained(finding: Finding) -> str:
         )
     open_one = finding.undetermined
     if open_one is None:
-        return f", and no effect in the library explains it{_outside(finding)}"
+        return ", and no effect in the library explains it"
     share = format_percent(open_one.gain.value)
     return f"; {open_one.label} would remove {share} of it, but {open_one.reason}"
-
-
-def _outside(finding: Finding) -> str:
-    """Structure outside the library: `; with a force of … 1 times the noise would remain`."""
-    one = finding.outside
-    return "" if one is None else f"; with {one.words} it would be {format_in_noise(one.remains)}"
 
 
 def _lacks(finding: Finding) -> str:
@@ -147,7 +148,7 @@ def _summarize_incomplete(finding: Finding) -> str:
     where = ""
     if place is not None and place.channel in finding.channels:
         where = f", most of it in the {finding.channels[place.channel][1]} ({format_regime(place)})"
-    curve, best = _outside(finding), _best_free_curve(finding)
+    curve, best = "", _best_free_curve(finding)
     if best is not None and finding.outside is None:
         variable, share = best
         curve = f"; a free curve over {variable_words(variable)} would remove {format_percent(share)} of it"
@@ -260,13 +261,12 @@ def next_step(finding: Finding) -> str:
     if finding.verdict == "unexplained" and finding.undetermined is not None:
         narrower = "state the uncertain constants of the model file more closely"
         return f"Drive faster, heavier or longer, or {narrower}, to determine {finding.undetermined.label}."
-    if finding.outside is not None:
-        return f"Look for {finding.outside.words}: joints, teeth, something out of true."
+    outside = "" if finding.outside is None else f"Look for {finding.outside.words}: {_REPEATING}."
     if finding.verdict == "unexplained":
-        return _summarize_free_curve(finding)
+        return outside or _summarize_free_curve(finding)
     if finding.verdict == "no_gap":
         return "Nothing: drive faster, heavier or longer to look for effects that these runs do not excite."
-    return f"Use the new model.{_summarize_remainder(finding)}"
+    return f"Use the new model. {outside or _summarize_remainder(finding)}".rstrip()
 
 
 def format_separation(finding: Finding) -> str:
@@ -290,7 +290,7 @@ def _summarize_remainder(finding: Finding) -> str:
     after, noise = finding.heldout[channel].after, finding.noise.get(channel)
     if after is None or not noise:
         return ""
-    left = f" A mismatch of {format_in_noise(after / noise)} is left in the {finding.channels[channel][1]}"
+    left = f"A mismatch of {format_in_noise(after / noise)} is left in the {finding.channels[channel][1]}"
     return f"{left}; {finding.ended}." if finding.ended else f"{left}."
 
 
@@ -365,6 +365,12 @@ GLOSSARY: tuple[tuple[str, str], ...] = (
         "given up",
         "An effect that was in the model for a while. It did not hold once others were in the model, or it "
         "ran to the bound of its range, where it stands in for something else.",
+    ),
+    (
+        "repeating force",
+        "A sine of the way that the wheel rolled, or of the place on the rail. It may be in the model of the "
+        "search where nothing but noise is left with it, so that no effect stands in for it. It is described "
+        "and not named; the new model and the mismatches after the effects are without it.",
     ),
     (
         "free curve",

@@ -25,7 +25,6 @@ from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import join_words, variable_words
 from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, fit
-from omnimj.estimate.replay.repeating_force import describe_repeating_force
 
 MIN_EXPLAINED = 0.88
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
@@ -96,16 +95,17 @@ class _Achieved:
 
 def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
-    return replace(_judge_effects(found), outside=_outside(found))
+    verdict = _judge_effects(found)
+    if found.outside is None or verdict.kind == "no_gap":
+        return verdict
+    return replace(verdict, outside=_describe_outside(found, found.outside))
 
 
-def _outside(found: SearchResult) -> Outside | None:
-    if found.outside is None:
-        return None
-    numbers = found.final.x[parameter_slice(found.problem, found.final, found.outside)]
-    return Outside(
-        describe_repeating_force(found.outside, numbers), _heldout_rms(found, found.final.residual)
-    )
+def _describe_outside(found: SearchResult, force: CandidateEffect) -> Outside:
+    sine, cosine, period = found.final.x[parameter_slice(found.problem, found.final, force)].tolist()
+    size, along = math.hypot(sine, cosine), force.words.partition("repeats ")[2]
+    words = f"a force of {size:.2g} N that repeats every {period:.3g} m {along}"
+    return Outside(words, size, period, _heldout_rms(found, found.final.residual))
 
 
 def _judge_effects(found: SearchResult) -> Verdict:

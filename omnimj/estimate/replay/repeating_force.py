@@ -71,15 +71,3 @@ def with_repeating_force(
     changed[places] = sine, cosine, order, wave
     mark_active(changed[None])
     return changed
-
-
-def describe_repeating_force(force: CandidateEffect, numbers: Array) -> str:
-    """Size and period in words: `a force of 0.49 N that repeats every 0.228 m along the rail`.
-
-    Args:
-      force: One of `repeating_forces`.
-      numbers: Its fitted numbers, shape (3,).
-    """
-    sine, cosine, period = numbers.tolist()
-    along = force.words.partition("repeats ")[2]
-    return f"a force of {math.hypot(sine, cosine):.2g} N that repeats every {period:.3g} m {along}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -69,6 +68,7 @@ def test_a_repeating_force_is_described_beside_the_effect_of_the_library_and_nev
     assert finding.outside.words.startswith("a force of 0.5 N that repeats every 0.9 m")
     assert finding.outside.remains < 1.2 < 2.0 < (finding.remains or 0.0)
     assert finding.outside.words in summarize_finding(finding)
+    assert next_step(finding).startswith(f"Use the new model. Look for {finding.outside.words}")
 
 
 def test_mismatches_after_the_effects_are_those_of_the_model_that_a_file_can_state():
@@ -112,5 +112,5 @@ def test_an_effect_is_named_alone_on_a_rig_whose_drive_or_rail_repeats_itself(tm
     finding = find_gap(tmp_path / "data")
     assert [e.effect for e in finding.effects] == ["rolling_resistance"]
     assert finding.outside is not None and finding.outside.words.endswith(along)
-    size, every = map(float, re.findall(r"[0-9.]+", finding.outside.words)[:2])
-    assert size == pytest.approx(0.6, rel=0.1) and every == pytest.approx(period, rel=0.02)
+    assert finding.outside.force == pytest.approx(0.6, rel=0.1)
+    assert finding.outside.period == pytest.approx(period, rel=0.02)
