@@ -112,10 +112,10 @@ class CandidateEffect:
     """True if a small amplitude changes nothing."""
     quantity: str = ""
     """Base parameter that is the same quantity; empty without one."""
-    is_outside: bool = False
-    """True for structure outside the library, which is described and not named."""
     has_impacts: bool = False
     """True if predictions have no fine derivative by its amplitude."""
+    is_outside: bool = False
+    """True for structure outside the library, which is described and not named."""
 
     def values(self, numbers: Array) -> dict[str, float]:
         """Return the parameters of the effect by name.
@@ -266,9 +266,18 @@ def _candidate(
         CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value, _trials(p, spans))
         for p in effect.parameters
     )
-    kind = effect.where == "sensors", effect.turns_with_wheel, effect.has_threshold
-    facts = *kind, effect.quantity, effect.has_impacts
-    return CandidateEffect(label, effect.name, effect.words, parameters, selectors, *facts)
+    return CandidateEffect(
+        label,
+        effect.name,
+        effect.words,
+        parameters,
+        selectors,
+        is_sensor=effect.where == "sensors",
+        turns_with_wheel=effect.turns_with_wheel,
+        has_threshold=effect.has_threshold,
+        quantity=effect.quantity,
+        has_impacts=effect.has_impacts,
+    )
 
 
 def _trials(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> tuple[float, ...]:

@@ -10,10 +10,11 @@ from scipy.integrate import quad
 from test_effects_given_each_other import Wavy, quiet
 from toy import SIZE, STEP, Toy
 
+from omnimj.effects import effects_of
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay, find_gap
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.sentences import next_step, summarize_finding
-from omnimj.estimate.replay.interface import average_blocks
+from omnimj.estimate.replay.interface import average_blocks, candidate_effects
 from omnimj.estimate.replay.repeating_force import repeating_forces, with_repeating_force
 from omnimj.physics.effect_terms import guide_force, terms_at, zero_terms
 from omnimj.studies.gap_benchmark import datasets
@@ -57,6 +58,18 @@ def test_the_force_on_the_guide_is_the_mean_of_a_sine_and_a_cosine_over_the_step
         return 0.3 * np.sin(turned) - 0.7 * np.cos(turned)
 
     assert found == pytest.approx(quad(at, 0.0, h)[0] / h, rel=1e-9)
+
+
+@pytest.mark.parametrize("plant", ["quarter_rig", "uto_robot"])
+def test_only_repeating_forces_are_outside_the_library(plant):
+    spans, effects = {"speed": (-1.0, 1.0), "position": (0.0, 1.0)}, effects_of(plant)
+    candidates = candidate_effects(plant, spans, wheels=4)
+    assert all(force.is_outside for force in FORCES) and not any(c.is_outside for c in candidates)
+    for c in candidates:
+        own = effects[c.effect]
+        flags = c.turns_with_wheel, c.has_threshold, c.quantity, c.has_impacts
+        assert flags == (own.turns_with_wheel, own.has_threshold, own.quantity, own.has_impacts)
+    assert any(c.has_impacts for c in candidates)
 
 
 def test_a_repeating_force_is_described_beside_the_effect_of_the_library_and_never_named():

@@ -92,10 +92,13 @@ def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> 
             chosen = f" ({', '.join(selectors.values())})" if selectors else ""
             label = f"{effect.name}{chosen}"
             shapes = _shapes(effect, selectors, machine, spans)
-            is_sensor = effect.where == "sensors"
-            facts = is_sensor, False, effect.has_threshold, _uncertain_quantity(effect, selectors, machine)
+            facts = {
+                "is_sensor": effect.where == "sensors",
+                "has_threshold": effect.has_threshold,
+                "quantity": _uncertain_quantity(effect, selectors, machine),
+            }
             chosen_parts = MappingProxyType(selectors)
-            found.append(CandidateEffect(label, effect.name, effect.words, shapes, chosen_parts, *facts))
+            found.append(CandidateEffect(label, effect.name, effect.words, shapes, chosen_parts, **facts))
     return tuple(found)
 
 
