@@ -103,7 +103,7 @@ def _with_outside(finding: Finding) -> str:
     if finding.outside is None:
         return ""
     left = format_in_noise(finding.outside.remains)
-    return f"With {finding.outside.words} in the model, {left} would remain; the library has no such force."
+    return f"If the model had {finding.outside.words}, {left} would remain; the library has no such force."
 
 
 def _verdict(finding: Finding) -> str:
