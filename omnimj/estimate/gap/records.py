@@ -119,10 +119,10 @@ class Outside:
 
     words: str
     """Description with its size: `a force of 0.49 N that repeats every 0.228 m along the rail`."""
-    force: float
-    """Amplitude [N]."""
-    period: float
-    """[m]"""
+    causes: str
+    """What may lie behind it, as a list."""
+    values: Mapping[str, float]
+    """Its numbers in SI units, by name: `force` and `period`, say."""
     remains: float
     """Held-out mismatch with it, RMS over all channels in units of noise."""
 

@@ -18,7 +18,6 @@ _VARIABLES = {
     "time": "time since start",
     "carriage_acceleration": "acceleration",
 }
-_REPEATING = "joints, teeth, something out of true"
 _MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis", "mjcf": "machine"}
 
 
@@ -261,7 +260,8 @@ def next_step(finding: Finding) -> str:
     if finding.verdict == "unexplained" and finding.undetermined is not None:
         narrower = "state the uncertain constants of the model file more closely"
         return f"Drive faster, heavier or longer, or {narrower}, to determine {finding.undetermined.label}."
-    outside = "" if finding.outside is None else f"Look for {finding.outside.words}: {_REPEATING}."
+    found = finding.outside
+    outside = "" if found is None else f"Look for {found.words}: {found.causes}."
     if finding.verdict == "unexplained":
         return outside or _summarize_free_curve(finding)
     if finding.verdict == "no_gap":

@@ -23,7 +23,7 @@ from omnimj.estimate.gap.search.screening import curve_gains
 from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import join_words, variable_words
-from omnimj.estimate.replay.interface import CandidateEffect
+from omnimj.estimate.replay.interface import CandidateEffect, Structure
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 MIN_EXPLAINED = 0.88
@@ -101,11 +101,9 @@ def judge_search(found: SearchResult) -> Verdict:
     return replace(verdict, outside=_describe_outside(found, found.outside))
 
 
-def _describe_outside(found: SearchResult, force: CandidateEffect) -> Outside:
-    sine, cosine, period = found.final.x[parameter_slice(found.problem, found.final, force)].tolist()
-    size, along = math.hypot(sine, cosine), force.words.partition("repeats ")[2]
-    words = f"a force of {size:.2g} N that repeats every {period:.3g} m {along}"
-    return Outside(words, size, period, _heldout_rms(found, found.final.residual))
+def _describe_outside(found: SearchResult, structure: Structure) -> Outside:
+    words, values = structure.describe(found.final.x[parameter_slice(found.problem, found.final, structure)])
+    return Outside(words, structure.causes, values, _heldout_rms(found, found.final.residual))
 
 
 def _judge_effects(found: SearchResult) -> Verdict:

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -114,7 +114,7 @@ class CandidateEffect:
     """Base parameter that is the same quantity; empty without one."""
     has_impacts: bool = False
     """True if predictions have no fine derivative by its amplitude."""
-    is_outside: bool = False
+    is_outside: ClassVar[bool] = False
     """True for structure outside the library, which is described and not named."""
 
     def values(self, numbers: Array) -> dict[str, float]:
@@ -153,6 +153,28 @@ class CandidateEffect:
 
 
 @dataclass(frozen=True)
+class Structure(CandidateEffect):
+    """Structure outside the library, which the search may have in its model beside the effects."""
+
+    causes: str = ""
+    """What may lie behind it, as a list."""
+    is_outside: ClassVar[bool] = True
+
+    def describe(self, numbers: Array) -> Description:
+        """Describe it with its fitted numbers, shape (parameters,)."""
+        raise NotImplementedError
+
+
+class Description(NamedTuple):
+    """Structure outside the library with its size."""
+
+    words: str
+    """`a force of 0.49 N that repeats every 0.228 m along the rail`."""
+    values: Mapping[str, float]
+    """Its numbers in SI units, by name."""
+
+
+@dataclass(frozen=True)
 class Setting:
     """Parameter values of one simulation."""
 
@@ -186,9 +208,8 @@ class Replay(Protocol):
     candidates: tuple[CandidateEffect, ...]
     curves: Mapping[str, float]
     """Variable of each free curve → typical force [N]."""
-    repeating_forces: tuple[CandidateEffect, ...]
-    """Forces that repeat along the way, which no effect of the library is: amplitudes of sine and cosine, and
-    the period."""
+    structures: tuple[Structure, ...]
+    """Structure outside the library, of which the model may have one."""
     most_effects: int
     """Largest number of effects in a model."""
     notes: tuple[str, ...]

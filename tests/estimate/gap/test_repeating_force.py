@@ -14,7 +14,7 @@ from omnimj.effects import effects_of
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay, find_gap
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.sentences import next_step, summarize_finding
-from omnimj.estimate.replay.interface import average_blocks, candidate_effects
+from omnimj.estimate.replay.interface import Structure, average_blocks, candidate_effects
 from omnimj.estimate.replay.repeating_force import repeating_forces, with_repeating_force
 from omnimj.physics.effect_terms import guide_force, terms_at, zero_terms
 from omnimj.studies.gap_benchmark import datasets
@@ -28,7 +28,7 @@ FORCES = repeating_forces(TURN)
 class Repeating(Toy):
     """Both forces, as a wave on the speed over the time."""
 
-    repeating_forces = FORCES
+    structures: tuple[Structure, ...] = FORCES
 
     def simulate(self, settings):
         found = super().simulate(settings)
@@ -125,5 +125,5 @@ def test_an_effect_is_named_alone_on_a_rig_whose_drive_or_rail_repeats_itself(tm
     finding = find_gap(tmp_path / "data")
     assert [e.effect for e in finding.effects] == ["rolling_resistance"]
     assert finding.outside is not None and finding.outside.words.endswith(along)
-    assert finding.outside.force == pytest.approx(0.6, rel=0.1)
-    assert finding.outside.period == pytest.approx(period, rel=0.02)
+    assert finding.outside.values["force"] == pytest.approx(0.6, rel=0.1)
+    assert finding.outside.values["period"] == pytest.approx(period, rel=0.02)

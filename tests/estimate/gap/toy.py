@@ -21,6 +21,7 @@ from omnimj.estimate.replay.interface import (
     Experiment,
     Segment,
     Setting,
+    Structure,
     average_blocks,
 )
 from omnimj.signals import Array
@@ -55,7 +56,7 @@ class Toy:
     base = (BaseParameter("viscous", "N.s/m", 1.0, 0.8, 1.2), BaseParameter("dry", "N", 0.5, 0.4, 0.6))
     curves: Mapping[str, float] = {"speed": 0.3, "time": 0.3}
     most_effects, backward_elimination, notes = MOST_EFFECTS, False, ()
-    repeating_forces: tuple[CandidateEffect, ...] = ()
+    structures: tuple[Structure, ...] = ()
 
     def __init__(self, truth: Mapping[str, Array], seed: int = 0, noise: float = 0.002, base=(1.05, 0.47)):
         shape = {

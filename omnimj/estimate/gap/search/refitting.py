@@ -20,7 +20,8 @@ _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in n
 def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
     """The problem with the twin simulated at a model: offset = twin − equations there.
 
-    Both are simulated without what turns with the wheel: out of phase, its difference would not cancel.
+    Both are simulated without what turns with the wheel, since out of phase its difference would not cancel,
+    and without structure outside the library, which the twin does not have.
 
     Args:
       problem: The data and the scale.
@@ -28,7 +29,7 @@ def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> P
       effects: Effects in the model.
     """
     setting, _ = problem.split(x, effects)
-    locked = {c.label for c in effects if c.turns_with_wheel}
+    locked = {c.label for c in effects if c.turns_with_wheel or c.is_outside}
     setting = replace(setting, effects={k: v for k, v in setting.effects.items() if k not in locked})
     twin = problem.replay.simulate_twin(setting)
     if twin is None:

@@ -39,7 +39,7 @@ from omnimj.estimate.gap.search.sensitivities import Sensitivities
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.search.totals import with_totals
 from omnimj.estimate.gap.search.uncertainty import parameter_reach, undetermined
-from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.estimate.replay.interface import Replay, Structure
 from omnimj.estimate.replay.problem import Fit, Problem, fit, polish, reevaluate
 from omnimj.signals import Array
 
@@ -47,7 +47,7 @@ _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and tri
 _MANY = 3  # effects from which fewer, or another start, are tried
 _AS_LITTLE = 1.05  # multiple of a loss that is about as small
 _MOST_TRIES = 2  # additions of one round that may fail
-_LARGE = 0.3  # share of the squared mismatch that a force must explain to first order to be tried
+_LARGE = 0.3  # share of the squared mismatch that structure must explain to first order to be tried
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ class SearchResult:
         return self.split.used
 
     @property
-    def outside(self) -> CandidateEffect | None:
+    def outside(self) -> Structure | None:
         """Structure outside the library in the last model."""
-        return next((c for c in self.final.effects if c.is_outside), None)
+        return next((c for c in self.final.effects if isinstance(c, Structure)), None)
 
     @cached_property
     def described(self) -> Fit:
@@ -233,7 +233,7 @@ class _Growing:
             self._eliminate_backward()
         self._add_while_it_helps()
         self._try_fewer()
-        self._try_repeating_force()
+        self._try_structure()
         self._give_up_undetermined()
 
     def _add_while_it_helps(self) -> None:
@@ -245,18 +245,18 @@ class _Growing:
                 break
             self.ended = self._grow(found)
 
-    def _try_repeating_force(self) -> None:
-        """Allow a force that repeats along the way, and keep it if nothing but noise is left with it.
+    def _try_structure(self) -> None:
+        """Allow structure outside the library, and keep it if nothing but noise is left with it.
 
         Effects of the library that made up for a part of it are needless beside it, and others that it hid
         can be found.
         """
-        forces, first, split = self.problem.replay.repeating_forces, self.state, self.split
+        structures, first, split = self.problem.replay.structures, self.state, self.split
         if self.mismatch() <= NOISE_LEVEL:
             return
-        self._report("trying a force that repeats", 0.9)
+        self._report("trying structure outside the library", 0.9)
         model = CurrentModel(first.problem, first.final, split)
-        screened = screen_candidates(first.problem, first.final, forces, split.used)
+        screened = screen_candidates(first.problem, first.final, structures, split.used)
         screened = [one for one in screened if one.share >= _LARGE]
         if not screened:
             return

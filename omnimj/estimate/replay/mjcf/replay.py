@@ -22,6 +22,7 @@ from omnimj.estimate.replay.interface import (
     Experiment,
     Segment,
     Setting,
+    Structure,
 )
 from omnimj.estimate.replay.mjcf import kernels
 from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
@@ -83,7 +84,7 @@ class MachineReplay:
     """Replay of a dataset of any machine; implements `replay.interface.Replay`."""
 
     backward_elimination = False
-    repeating_forces: tuple[CandidateEffect, ...] = ()
+    structures: tuple[Structure, ...] = ()
 
     def __init__(
         self, dataset: Dataset, machine: Machine, *, window: float = WINDOW, threads: int | None = None

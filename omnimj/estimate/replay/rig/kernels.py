@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.physics import rig
-from omnimj.physics.effect_terms import apply_motor_effects, terms_at
-from omnimj.physics.motor import achievable_current, motor_at
+from omnimj.physics.effect_terms import ACTIVE, TERM, apply_motor_effects, terms_at
+from omnimj.physics.motor import TORQUE_SCALE, achievable_current, motor_at
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import traction_at
 from omnimj.signals import Array
 
 WHEEL, CARRIAGE, ACCELERATION = range(3)
+_CABLE = TERM["cable_force"]
 OUTPUTS = 3
 """Columns of a replay: wheel speed [rad/s], carriage speed [m/s], its acceleration [m/s²]."""
 
@@ -47,6 +48,11 @@ class KernelParameters(NamedTuple):
     """Packed traction, shape (runs, TRACTION_SIZE)."""
     terms: Array
     """Packed effect terms, shape (TERMS,)."""
+    changes: Array
+    """Change of the force per ampere at the axle and on the carriage: at rest, at half of the largest speed
+    and at the largest, shape (2, 3) [1]."""
+    fastest: float
+    """Largest speed [m/s]."""
 
 
 class BlockLayout(NamedTuple):
@@ -88,6 +94,7 @@ def replay_runs(log, parameters, h, steps, out):
     """
     current, first, start = log.current, log.first, log.start
     driving, effects = motor_at(parameters.motor), terms_at(parameters.terms)
+    changes = bool(np.any(parameters.changes))
     for k in range(len(start)):
         model = rig.RigModel(
             rig.rig_at(parameters.rigs[k]), driving, traction_at(parameters.floors[k]), effects, False
@@ -99,10 +106,35 @@ def replay_runs(log, parameters, h, steps, out):
             if log.angle.size:
                 state = with_angle(state, log.angle[n])
             between = 0.5 * (current[n] + current[n + 1])
+            if changes:
+                model = with_changed_force(model, parameters, state.speed, between)
             state, output = rig.step(state, between, log.lateral[n], model, h, steps)
             out[n + 1, WHEEL] = output.encoder_speed
             out[n + 1, CARRIAGE] = state.speed
             out[n + 1, ACCELERATION] = output.acceleration
+
+
+@kernel
+def with_changed_force(model, parameters, speed, current):
+    """`RigModel` with the force per ampere of a speed.
+
+    Args:
+      model: `RigModel`.
+      parameters: `KernelParameters`.
+      speed: Of the carriage [m/s].
+      current: Of the motor [A].
+    """
+    place = min(2.0 * abs(speed) / parameters.fastest, 2.0)
+    below = min(int(place), 1)
+    share, changes = place - below, parameters.changes
+    axle = (1.0 - share) * changes[0, below] + share * changes[0, below + 1]
+    carriage = (1.0 - share) * changes[1, below] + share * changes[1, below + 1]
+    own, row, motor = parameters.motor.copy(), parameters.terms.copy(), model.motor
+    per_ampere = motor.torque_constant * motor.gear_ratio * motor.gear_efficiency / model.rig.wheel.radius
+    row[_CABLE] += carriage * per_ampere * current
+    row[ACTIVE] = 1.0
+    own[TORQUE_SCALE] *= 1.0 + axle
+    return rig.RigModel(model.rig, motor_at(own), model.floor, terms_at(row), model.published)
 
 
 @kernel

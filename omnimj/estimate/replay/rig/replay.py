@@ -23,8 +23,10 @@ from omnimj.estimate.replay.interface import (
     Channel,
     Experiment,
     Setting,
+    Structure,
     candidate_effects,
 )
+from omnimj.estimate.replay.motor_force import changes_of, motor_forces
 from omnimj.estimate.replay.repeating_force import repeating_forces, with_repeating_force
 from omnimj.estimate.replay.rig import kernels as native
 from omnimj.estimate.replay.rig.runs import (
@@ -162,7 +164,9 @@ class RigReplay:
         self.candidates: tuple[CandidateEffect, ...] = candidate_effects(self.plant, self._spans, hidden)
         self._by_label = {c.label: c for c in self.candidates}
         self._turn = 2.0 * math.pi * rig.wheel.radius
-        self.repeating_forces: tuple[CandidateEffect, ...] = repeating_forces(self._turn)
+        self._fastest = max(map(abs, self._spans["speed"]))
+        self._repeating, self._motor_forces = repeating_forces(self._turn), motor_forces(self._fastest)
+        self.structures: tuple[Structure, ...] = (*self._repeating, *self._motor_forces)
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
@@ -180,14 +184,16 @@ class RigReplay:
         changed = apply_effects(based.machine)
         curve = None if setting.curve is None else (*setting.curve, self._spans[setting.curve[0]])
         terms = with_free_curve(changed.terms[:1], curve)[0]
-        terms = with_repeating_force(terms, self.repeating_forces, setting.effects, self._turn)
+        terms = with_repeating_force(terms, self._repeating, setting.effects, self._turn)
         current = true_current(runs, changed.channels, based.lags) if measured else runs.current
         (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
         motor = np.array(driven_by_measured_current(motor) if measured else motor)
         rows, floor_rows = _rows(runs, changed, based)
         out = np.empty((len(current), native.OUTPUTS))
         log = native.Log(current, runs.lateral, runs.first, runs.start, true_angle(runs, changed, based.lags))
-        parameters = native.KernelParameters(rows, motor, floor_rows, terms)
+        parameters = native.KernelParameters(
+            rows, motor, floor_rows, terms, changes_of(self._motor_forces, setting.effects), self._fastest
+        )
         native.replay_runs(log, parameters, runs.period / _STEPS, _STEPS, out)
         return sensor_block_means(out, runs, changed, based.lags)
 

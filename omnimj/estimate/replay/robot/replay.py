@@ -27,6 +27,7 @@ from omnimj.estimate.replay.interface import (
     Channel,
     Experiment,
     Setting,
+    Structure,
     candidate_effects,
 )
 from omnimj.estimate.replay.robot import kernels as native
@@ -108,7 +109,7 @@ class RobotReplay:
 
     plant = ROBOT
     most_effects, backward_elimination, notes = MOST_EFFECTS, False, ()
-    repeating_forces: tuple[CandidateEffect, ...] = ()
+    structures: tuple[Structure, ...] = ()
 
     def __init__(
         self,

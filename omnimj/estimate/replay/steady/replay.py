@@ -27,6 +27,7 @@ from omnimj.estimate.replay.interface import (
     Channel,
     Experiment,
     Setting,
+    Structure,
     candidate_effects,
 )
 from omnimj.estimate.replay.steady.runs import SteadyRuns, steady_runs
@@ -71,7 +72,7 @@ class SteadyReplay:
     """Replay of a dataset of steady driving with a measured pose."""
 
     plant, backward_elimination, notes = ROBOT, True, ()
-    repeating_forces: tuple[CandidateEffect, ...] = ()
+    structures: tuple[Structure, ...] = ()
 
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.
