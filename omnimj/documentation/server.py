@@ -31,10 +31,7 @@ class SiteServer(ThreadingHTTPServer):
 
 
 def open_server(port: int) -> SiteServer:
-    """Open a server on 127.0.0.1.
-
-    Args:
-      port: Port; 0 for any free one.
+    """Open a server on 127.0.0.1; port 0 is any free one.
 
     Raises:
       InputError: The port is taken, or needs a right that is missing.

@@ -70,13 +70,9 @@ def require_generator() -> None:
 
 
 def build_site(folder: Path, parser: argparse.ArgumentParser, execute: bool, report: Report) -> SiteBuild:
-    """Build the site into a folder.
+    """Build the site into an existing folder, whose files are replaced.
 
-    Args:
-      folder: Folder that exists; its files are replaced.
-      parser: Parser of `omnimj`, whose options the how-to pages list.
-      execute: Whether to execute the tutorials, so that their results are shown.
-      report: Called with what is being done and the share that is done.
+    The how-to pages list the options of `parser`, that of `omnimj`; `execute` shows the tutorials' results.
 
     Raises:
       SimulationError: A tutorial ended with an error.
@@ -92,13 +88,7 @@ def build_site(folder: Path, parser: argparse.ArgumentParser, execute: bool, rep
 
 
 def site_settings(sources: Path, folder: Path, pages: tuple[str, ...]) -> dict[str, Any]:
-    """Settings of MkDocs for one build.
-
-    Args:
-      sources: Folder of the pages.
-      folder: Folder of the site.
-      pages: The pages, relative to `sources`.
-    """
+    """Settings of MkDocs for one build of the pages in `sources` into a folder."""
     return {
         "site_name": "omnimj",
         "site_description": "MuJoCo twin of an omni-wheel robot, fault diagnosis, and the gap to measurement",
@@ -207,14 +197,9 @@ _MARK = "index.html"
 def publish(
     folder: Path, force: bool, parser: argparse.ArgumentParser, execute: bool, report: Report
 ) -> SiteBuild:
-    """Build the site beside its folder and move it there when it is complete.
+    """Build the site beside its folder, as `build_site`, and move it there when it is complete.
 
-    Args:
-      folder: Folder of the site, new or empty.
-      force: Write into a folder that is not empty; the files of a site there are replaced, others are kept.
-      parser: Parser of `omnimj`, whose options the how-to pages list.
-      execute: Whether to execute the tutorials, so that their results are shown.
-      report: Called with what is being done and the share that is done.
+    With `force` the folder may hold files: those of a site are replaced, others are kept.
 
     Raises:
       InputError: The folder is not empty and `force` is false.

@@ -121,10 +121,7 @@ class Task:
 
 
 def read_task(**options: Any) -> Task:
-    """Check options and read the files that they name.
-
-    Args:
-      **options: Those of `Options`.
+    """Check `Options` and read the files that they name.
 
     Raises:
       InputError: A value breaks its rule, or options do not go together.
@@ -292,12 +289,7 @@ def draw_plan(draws: np.random.Generator, duration: float, period: float) -> Pla
     """Draw a mission: straight segments at 0.2-1.0 m/s with turns, stops and reversals, from rest to rest.
 
     Within a segment the velocity goes from where it is to the demand at constant acceleration, so that no
-    loop over the control periods is needed.
-
-    Args:
-      draws: Random number generator.
-      duration: Duration [s].
-      period: Control period [s].
+    loop over the control periods is needed. Duration and period are in s.
     """
     rows = round(duration / period) + 1
     twist, now, row = np.zeros((rows, 3)), np.zeros(3), 0

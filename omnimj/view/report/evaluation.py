@@ -52,14 +52,9 @@ def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
 def write_tables_report(
     path: Path, heading: str, lines: Sequence[str], tables: Sequence[TextTable], files: str
 ) -> None:
-    """Write the report of the gap benchmark or of the scoreboard, without empty tables.
+    """Write the report of the gap benchmark or of the scoreboard: paragraphs, then tables that are not empty.
 
-    Args:
-      path: HTML file to write.
-      heading: Title of the page.
-      lines: Paragraphs above the tables.
-      tables: Tables of the study.
-      files: Names of the files with all numbers.
+    `files` names the files with all numbers.
     """
     write_page(
         path,

@@ -95,11 +95,8 @@ def table(
 ) -> Table:
     """Make a table; one with many columns or long texts is stacked on a narrow page.
 
-    Args:
-      rows: Cells or texts, row by row.
-      head: Column headings; if empty, the first cell of each row is its heading.
-      kind: CSS class other than `stacked`.
-      row_headings: True if the first cell of each row is its heading in addition to column headings.
+    The first cell of each row is its heading if there are no column headings, or in addition to them if
+    `row_headings`. `kind` is a CSS class other than `stacked`.
     """
     cells = [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in rows]
     has_sentence = any(len(f"{c.title}{c.text}{c.note}") > _SENTENCE for row in cells for c in row)
@@ -126,16 +123,7 @@ class Figure:
 
 
 def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
-    """Embed a plot.
-
-    Args:
-      drawing: The plot.
-      name: Anchor, unique within the page.
-      heading: Heading above the plot.
-      caption: Explanation below the plot.
-      kind: As in `Figure`.
-      label: Description for screen readers; if empty, the heading.
-    """
+    """Embed a plot with an anchor unique within the page; screen readers read label or heading."""
     return Figure(drawing, heading, caption, kind, name, label or heading)
 
 
@@ -153,13 +141,7 @@ def command_line(command: str) -> Markup:
 
 
 def write_page(path: Path, template: str, title: str, **content: Any) -> None:
-    """Render a report from a template and write it, in full or not at all.
-
-    Args:
-      path: HTML file to write.
-      template: Name of the template without its ending.
-      title: Title of the page.
-      **content: Texts, tables and figures for the template.
+    """Render a report from a template, named without its ending, and write it, in full or not at all.
 
     Raises:
       OutputError: The file cannot be written.
@@ -256,10 +238,7 @@ def run_table(
 ) -> Table:
     """Make a table of runs, whose rows are found by the search field.
 
-    Args:
-      rows: Name of a run, which links to its section if there is one, and the other cells of the row.
-      head: Column headings.
-      sections: Sections of the page.
+    A row is the name of a run, which links to its section if there is one, and its other cells.
     """
     linked = {section.key for section in sections}
     keys = [run_key(name) for name, _ in rows]

@@ -34,16 +34,9 @@ def write_report(
     picture: Picture | None = None,
     others: Mapping[str, Trace] | None = None,
 ) -> None:
-    """Write the report of a run.
+    """Write the report of a run from its signals and the content of `metrics.json`.
 
-    Args:
-      path: HTML file to write.
-      trace: Signals of the run.
-      scenario: Scenario of the run.
-      metrics: Content of `metrics.json`.
-      picture: Picture of the machine; None for a run without poses.
-      others: Traces of the same scenario with other methods, by method; their metrics are in
-        `metrics["compared"]`.
+    `others` are traces of the same scenario by method, whose metrics are in `metrics["compared"]`.
     """
     spans = wording.fault_spans(metrics, float(trace["time"][-1]))
     is_diagnosed = wording.is_diagnosed(metrics)

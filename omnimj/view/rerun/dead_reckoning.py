@@ -35,17 +35,9 @@ class Motion:
 
 
 def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Integrate carriage position, gantry position and wheel angle of the rig.
+    """Integrate carriage and gantry position [m] and wheel angle [rad], shape (k, 3), over one run.
 
     The drive of the gantry controls its speed, so its motion is the same in all three.
-
-    Args:
-      rig: Gives the start position.
-      windows: Consecutive windows of one run, k blocks in total.
-      channels: Names of the columns of measured and simulated values.
-
-    Returns:
-      Coordinates: carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
     """
     start = np.array([rig.rig.start_position, 0.0, 0.0])
 
@@ -59,16 +51,7 @@ def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) ->
 
 
 def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Integrate position, heading and wheel angles of the robot from wheels and gyro.
-
-    Args:
-      robot: Robot of n wheels.
-      windows: Consecutive windows of one run, k blocks in total.
-      channels: Names of the columns of measured and simulated values.
-
-    Returns:
-      Coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
-    """
+    """Integrate x, y [m], heading and n wheel angles [rad], shape (k, 3 + n), from wheels and gyro."""
     wheels = len(robot.wheel_positions)
     backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     names = [f"wheel_speed_{i + 1}" for i in range(wheels)]
@@ -102,15 +85,7 @@ def axis_motion(windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
 
 
 def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """Convert the coordinates of `rig_motion` to generalised positions of the rig.
-
-    Args:
-      mj_model: Model of the rig.
-      coordinates: Carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
-
-    Returns:
-      Generalised positions, shape (k, nq).
-    """
+    """Convert the coordinates of `rig_motion` to generalised positions of the rig, shape (k, nq)."""
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     for column, joint in enumerate(("rail", "gantry", "wheel_1_axle")):
         qpos[:, mj_model.joint(joint).qposadr[0]] = coordinates[:, column]
@@ -118,29 +93,14 @@ def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
 
 
 def integrated(time: Array, rate: Array) -> Array:
-    """Integrate over time by the trapezoidal rule, from 0 at the first time.
-
-    Args:
-      time: Times, shape (k,) [s].
-      rate: Rates, shape (k, …) [unit/s].
-
-    Returns:
-      Integral, in the shape of the rates.
-    """
+    """Integrate rates, shape (k, …) [unit/s], over time by the trapezoidal rule, from 0 at the first time."""
     step = np.diff(time).reshape(-1, *([1] * (rate.ndim - 1)))
     parts = 0.5 * step * (rate[1:] + rate[:-1])
     return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)])
 
 
 def filled(values: Array) -> Array:
-    """Interpolate masked samples linearly.
-
-    Args:
-      values: Samples, shape (k,), NaN where masked.
-
-    Returns:
-      Samples without gaps, shape (k,); zero if all are masked.
-    """
+    """Interpolate masked samples (NaN), shape (k,), linearly; zero if all are masked."""
     known = np.isfinite(values)
     if known.all():
         return values
