@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Array, Trace
@@ -137,23 +138,9 @@ def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
     axles = np.empty((len(frames.time), len(bodies), 3))
     for i, body in enumerate(bodies):
         axis = hinge_axis(poses.mj_model, body)
-        axles[:, i] = rotated(frames.quaternion[:, body], np.array([0.0, 1.0, 0.0]) if axis is None else axis)
+        turn = Rotation.from_quat(frames.quaternion[:, body], scalar_first=True)
+        axles[:, i] = turn.apply(np.array([0.0, 1.0, 0.0]) if axis is None else axis)
     return axles
-
-
-def rotated(quaternion: Array, vector: Array) -> Array:
-    """Rotate a vector by unit quaternions: v + 2 w (q × v) + 2 q × (q × v).
-
-    Args:
-      quaternion: Unit quaternions w, x, y, z, shape (k, 4).
-      vector: Vector, shape (3,).
-
-    Returns:
-      Rotated vectors, shape (k, 3).
-    """
-    w, q = quaternion[:, :1], quaternion[:, 1:]
-    cross = np.cross(q, np.broadcast_to(vector, q.shape))
-    return vector + 2.0 * (w * cross + np.cross(q, cross))
 
 
 def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple[Array, Array]:
@@ -162,31 +149,13 @@ def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple
     Returns:
       Positions, shape (k, m, 3) [m], and quaternions w, x, y, z, shape (k, m, 4).
     """
-    turn = frames.quaternion[:, parent]
+    turn = Rotation.from_quat(frames.quaternion[:, parent], scalar_first=True)
     place = frames.position[:, bodies] - frames.position[:, parent, None]
-    position = place @ _matrices(turn)  # row vectors times R: the inverse rotation
-    w, x, y, z = (turn[:, i, None, None] for i in range(4))
-    left = np.concatenate(
-        [
-            np.concatenate([w, x, y, z], axis=2),
-            np.concatenate([-x, w, z, -y], axis=2),
-            np.concatenate([-y, -z, w, x], axis=2),
-            np.concatenate([-z, y, -x, w], axis=2),
-        ],
-        axis=1,
-    )  # left multiplication by the conjugate quaternion
-    return position, frames.quaternion[:, bodies] @ left.transpose(0, 2, 1)
-
-
-def _matrices(quaternion: Array) -> Array:
-    """Return the rotation matrices of unit quaternions, shape (k, 4), as shape (k, 3, 3)."""
-    w, x, y, z = quaternion.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    relative = [
+        turn.inv() * Rotation.from_quat(frames.quaternion[:, body], scalar_first=True) for body in bodies
     ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    quaternion = np.stack([rotation.as_quat(scalar_first=True) for rotation in relative], axis=1)
+    return place @ turn.as_matrix(), quaternion  # row vectors times R: the inverse rotation
 
 
 def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from omnimj.estimate.gap.records import Overlay
 from omnimj.parameters import Rig, Robot
@@ -60,7 +61,7 @@ def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[st
         speeds = np.column_stack([_channel(values, channels, name) for name in names])
         twist = robot.wheel.radius * speeds @ backwards.T
         turn = _channel(values, channels, "yaw_rate") if "yaw_rate" in channels else twist[:, 2]
-        heading = place[2] + integrated(window.time, turn)
+        heading = place[2] + cumulative_trapezoid(turn, window.time, initial=0.0)
         c, s = np.cos(heading), np.sin(heading)
         x, y = twist[:, 0], twist[:, 1]
         return np.column_stack([c * x - s * y, s * x + c * y, turn, speeds])
@@ -92,13 +93,6 @@ def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
     return qpos
 
 
-def integrated(time: Array, rate: Array) -> Array:
-    """Integrate rates, shape (k, …) [unit/s], over time by the trapezoidal rule, from 0 at the first time."""
-    step = np.diff(time).reshape(-1, *([1] * (rate.ndim - 1)))
-    parts = 0.5 * step * (rate[1:] + rate[:-1])
-    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)])
-
-
 def filled(values: Array) -> Array:
     """Interpolate masked samples (NaN), shape (k,), linearly; zero if all are masked."""
     known = np.isfinite(values)
@@ -124,8 +118,8 @@ def _driven(windows: Sequence[Overlay], start: Array, rates: Rates) -> Motion:
             time, rate = end
             place = place + rate * max(float(window.time[0]) - time, 0.0)
         for kind in KINDS:
-            moved = integrated(window.time, rates(window, getattr(window, kind), place))
-            parts[kind].append(place + moved)
+            speeds = rates(window, getattr(window, kind), place)
+            parts[kind].append(place + cumulative_trapezoid(speeds, window.time, axis=0, initial=0.0))
         last = rates(window, window.measured, place)[-1]
         place, end = parts["measured"][-1][-1], (float(window.time[-1]), last)
     time = np.concatenate([window.time for window in windows])
