@@ -282,7 +282,7 @@ def add_wire(parser: argparse.ArgumentParser) -> None:
 
 def add_reset_fault(parser: argparse.ArgumentParser) -> None:
     """Add `--reset-fault`."""
-    words = "with a wire: reset the fault that the device has latched; its cause has been looked into"
+    words = "with a wire: reset a latched fault of the device, once its cause has been found"
     parser.add_argument("--reset-fault", action="store_true", help=words)
 
 

@@ -210,7 +210,7 @@ def _run(given: list[str]) -> int:
 
 
 def _kept(arguments: argparse.Namespace) -> str:
-    """Print what an interrupted command leaves behind, and how to go on."""
+    """Describe what an interrupted command leaves behind, and how to go on."""
     out = getattr(arguments, "out", None)
     if arguments.resumes:
         return "what was finished is kept, and the same command continues"

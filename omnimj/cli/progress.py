@@ -121,7 +121,7 @@ def start_notice(arguments: Any) -> Iterator[None]:
 
 
 def end_notice() -> None:
-    """Write no notice: there is something else to see."""
+    """Cancel the pending notice, because other output has appeared."""
     global _notice
     if _notice is not None:
         _notice.cancel()

@@ -1,4 +1,4 @@
-"""Glyphs of Bokeh as SVG paths, with few points: a line is as far from its samples as can hardly be seen."""
+"""Glyphs of Bokeh as SVG paths, with few points: omitted samples deviate invisibly little from the line."""
 
 from __future__ import annotations
 
