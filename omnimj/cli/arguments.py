@@ -214,11 +214,7 @@ def add_results(
 ) -> None:
     """Add `--out DIR`, `--force` and `--json` to a command that writes a folder.
 
-    Args:
-      parser: Parser of the command.
-      json_file: File in the folder that `--json` prints.
-      replaced: Kind of work that `--force` replaces, for its help.
-      required: False if the command checks itself that `--out` is given.
+    `--force` replaces the kind of work `replaced`, and `--json` prints the file `json_file` of the folder.
     """
     parser.add_argument("--out", metavar="DIR", type=Path, required=required, help="folder for the results")
     words = "write into --out although it is not empty"
@@ -286,7 +282,7 @@ def add_wire(parser: argparse.ArgumentParser) -> None:
 
 def add_reset_fault(parser: argparse.ArgumentParser) -> None:
     """Add `--reset-fault`."""
-    words = "with a wire: reset the fault that the device has latched; its cause has been looked into"
+    words = "with a wire: reset a latched fault of the device, once its cause has been found"
     parser.add_argument("--reset-fault", action="store_true", help=words)
 
 

@@ -71,11 +71,12 @@ def _serve(arguments: Any) -> int:
 
     from omnimj.documentation.server import open_server
 
-    with open_server(arguments.port) as server, tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
+    with tempfile.TemporaryDirectory(prefix="omnimj-docs-") as work:
         folder = Path(work) / "site"
-        _publish(arguments, folder, force=False)
-        print(f"http://127.0.0.1:{server.server_port}/index.html (Ctrl-C ends it)", flush=True)
-        server.serve(folder)
+        with open_server(arguments.port, folder) as server:
+            _publish(arguments, folder, force=False)
+            print(f"http://127.0.0.1:{server.server_port}/index.html (Ctrl-C ends it)", flush=True)
+            server.serve_forever()
     return 0
 
 

@@ -66,7 +66,7 @@ def wants_floor_labels(arguments: Any) -> bool:
         raise InputError("--floor-labels", "--calibrate-on is missing", "runs on one floor set the threshold")
     for name in _OTHERS:
         if getattr(arguments, name) is not None:
-            rule = "it belongs to the diagnosis of faults; give one of both"
+            rule = "it belongs to the diagnosis of faults; give only one of the two"
             raise InputError(f"--{name}", "is given beside --floor-labels", rule)
     return True
 
@@ -146,7 +146,9 @@ def _lines(
     if arguments.edge_line == _AUTO:
         return lines_of_other_half(plan, prepared, calibration)
     if len(plan.floors) != 2:
-        raise InputError("--edge-line", f"found {len(plan.floors)} floors", "a line parts two")
+        raise InputError(
+            "--edge-line", f"found {len(plan.floors)} floors", "an edge line separates exactly two floors"
+        )
     return {made.run.name: EdgeLine(*arguments.edge_line) for made in prepared}
 
 

@@ -137,10 +137,7 @@ def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one sub-command; without arguments, print how to begin.
-
-    Args:
-      argv: Arguments without the program's name; those of the process when None.
+    """Run the sub-command of `argv`, or of the process; without arguments, print how to begin.
 
     Returns:
       0 on success; 1 if a check or a simulation failed, or a file cannot be written; 2 on invalid input; 3 if
@@ -213,7 +210,7 @@ def _run(given: list[str]) -> int:
 
 
 def _kept(arguments: argparse.Namespace) -> str:
-    """Print what an interrupted command leaves behind, and how to go on."""
+    """Describe what an interrupted command leaves behind, and how to go on."""
     out = getattr(arguments, "out", None)
     if arguments.resumes:
         return "what was finished is kept, and the same command continues"

@@ -90,13 +90,7 @@ def progress_bar(arguments: Any) -> ProgressBar:
 
 
 def run_on_executor(arguments: Any, run: Callable[..., Any], config: Any) -> Any:
-    """Run a study with the executor and the progress bar of a command.
-
-    Args:
-      arguments: Arguments of the command, with those of `add_workers`.
-      run: Function of configuration, progress report and executor, such as `run_evaluation`.
-      config: Its configuration.
-    """
+    """Run a study, such as `run_evaluation`, with the executor and the progress bar of a command."""
     from omnimj.studies.workers import open_executor
 
     with open_executor(arguments.executor, arguments.workers) as executor, progress_bar(arguments) as bar:
@@ -127,7 +121,7 @@ def start_notice(arguments: Any) -> Iterator[None]:
 
 
 def end_notice() -> None:
-    """Write no notice: there is something else to see."""
+    """Cancel the pending notice, because other output has appeared."""
     global _notice
     if _notice is not None:
         _notice.cancel()

@@ -1,4 +1,4 @@
-"""`omnimj gap --scoreboard`: the search on every set of real measurements that is there, in one table."""
+"""`omnimj gap --scoreboard`: the gap search on every available set of real measurements, in one table."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import argparse
 import itertools
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,20 +47,11 @@ def run_scoreboard_command(arguments: Any) -> int:
         if value:
             raise InputError("--scoreboard", f"found {name}", "each set has its own, see omnimj gap --help")
     is_kept = arguments.out is not None
-    with _folder(arguments.out) as folder:
+    with nullcontext(arguments.out) if is_kept else tempfile.TemporaryDirectory(prefix="omnimj_") as place:
+        folder = Path(place)
         outcome = _run(arguments, folder)
         print_study(folder, NUMBERS, lambda: _format(outcome, folder, is_kept), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
-
-
-@contextmanager
-def _folder(out: Path | None) -> Iterator[Path]:
-    """Context with the folder of the results; a temporary one without `--out`."""
-    if out is not None:
-        yield out
-        return
-    with tempfile.TemporaryDirectory(prefix="omnimj_") as folder:
-        yield Path(folder)
 
 
 def _run(arguments: Any, folder: Path) -> ScoreboardResult:

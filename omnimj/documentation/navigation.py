@@ -1,129 +1,98 @@
-"""Order of the pages in the navigation; a page that no section names is appended, so that none is lost."""
+"""The navigation of MkDocs; a page that is not in it ends the build of the site."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import Any
 
-from omnimj.documentation.options import HOWTO
-
-HOME = "index.md"
 TUTORIALS = "tutorials/"
 """Folder of the tutorials."""
+NAVIGATION: list[dict[str, Any]] = [
+    {"Home": "index.md"},
+    {
+        "Tutorials": [
+            "tutorials/drive_and_break.md",
+            "tutorials/csv_to_gap.md",
+            "tutorials/own_robot.md",
+            "tutorials/own_wheel.md",
+            "tutorials/own_controller.md",
+            "tutorials/real_robot.md",
+        ]
+    },
+    {
+        "How-to": [
+            {"Drive": ["howto/run.md", "howto/scenarios.md", "howto/compare.md"]},
+            {"Logs": ["howto/record.md", "howto/import.md", "howto/export.md", "logs.md"]},
+            {"Gap": ["howto/gap.md", "howto/validate.md", "any_machine.md"]},
+            {"Identify": ["howto/identify.md", "own_robot.md"]},
+            {"Diagnose": ["howto/diagnose.md", "howto/calibrate.md", "howto/evaluate.md", "many_runs.md"]},
+            {"Tune": ["howto/tune.md", "howto/sensitivity.md", "tuning.md"]},
+            {
+                "Robot on a wire": [
+                    "howto/device.md",
+                    "howto/link_check.md",
+                    "howto/teleop.md",
+                    "howto/link_fuzz.md",
+                    "hardware.md",
+                    "ros2_control.md",
+                ]
+            },
+            {"Wheels of your own": ["howto/wheel.md", "howto/robot.md", "wheels.md"]},
+            {"Python and learning": ["python.md", "learning.md"]},
+            {
+                "This installation": [
+                    "howto/completion.md",
+                    "howto/bench.md",
+                    "howto/report_bug.md",
+                    "howto/docs_serve.md",
+                    "howto/docs_build.md",
+                ]
+            },
+        ]
+    },
+    {
+        "Extending": [
+            "extend/floor.md",
+            "extend/scenario.md",
+            "extend/effect.md",
+            "extend/plant.md",
+            "extend/transport.md",
+        ]
+    },
+    {
+        "Reference": [
+            "commands.md",
+            "api.md",
+            "scenarios.md",
+            "scenario_keys.md",
+            "models.md",
+            "model_files.md",
+            "datasets.md",
+            "effects.md",
+            "schemas.md",
+            "protocol.md",
+        ]
+    },
+    {
+        "Explanation": [
+            "architecture.md",
+            "equations.md",
+            "diagnosis.md",
+            "recovery.md",
+            "gap.md",
+            "threats.md",
+        ]
+    },
+    {"Results": ["validation.md", "evaluation.md", "gap_benchmark.md", "real_machines.md"]},
+    {"Project": ["changelog.md", "development.md", "cite.md"]},
+]
+"""Titles and pages, relative to the folder of the documentation, in order."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """Section of the navigation."""
-
-    title: str
-    entries: tuple[str | Section, ...]
-    """Pages, relative to the folder of the documentation, and sections, in order; pages that do not exist are
-    skipped."""
-    folder: str | None = None
-    """Folder whose other pages follow, by name."""
-
-    def pages(self) -> Iterator[str]:
-        """Pages named in this section and below."""
-        for entry in self.entries:
-            yield from (entry,) if isinstance(entry, str) else entry.pages()
-
-
-def _commands(*names: str) -> tuple[str, ...]:
-    """How-to pages of commands."""
-    return tuple(f"{HOWTO}{name}.md" for name in names)
-
-
-SECTIONS = (
-    Section(
-        "Tutorials",
-        tuple(
-            f"{TUTORIALS}{name}.md"
-            for name in (
-                "drive_and_break",
-                "csv_to_gap",
-                "own_robot",
-                "own_wheel",
-                "own_controller",
-                "real_robot",
-            )
-        ),
-        TUTORIALS,
-    ),
-    Section(
-        "How-to",
-        (
-            Section("Drive", _commands("run", "scenarios", "compare")),
-            Section("Logs", (*_commands("record", "import", "export"), "logs.md")),
-            Section("Gap", (*_commands("gap", "validate"), "any_machine.md")),
-            Section("Identify", (*_commands("identify"), "own_robot.md")),
-            Section("Diagnose", (*_commands("diagnose", "calibrate", "evaluate"), "many_runs.md")),
-            Section("Tune", (*_commands("tune", "sensitivity"), "tuning.md")),
-            Section(
-                "Robot on a wire",
-                (
-                    *_commands("device", "link_check", "teleop", "link_fuzz"),
-                    *("hardware.md", "ros2_control.md"),
-                ),
-            ),
-            Section("Wheels of your own", (*_commands("wheel", "robot"), "wheels.md")),
-            Section("Python and learning", ("python.md", "learning.md")),
-            Section(
-                "This installation",
-                _commands("completion", "bench", "report_bug", "docs_serve", "docs_build"),
-            ),
-        ),
-    ),
-    Section(
-        "Extending",
-        ("extend/floor.md", "extend/scenario.md", "extend/effect.md", "extend/plant.md"),
-        "extend/",
-    ),
-    Section(
-        "Reference",
-        (
-            *("commands.md", "api.md", "scenarios.md", "scenario_keys.md", "models.md", "model_files.md"),
-            *("datasets.md", "effects.md", "schemas.md", "protocol.md"),
-        ),
-    ),
-    Section(
-        "Explanation",
-        ("architecture.md", "equations.md", "diagnosis.md", "recovery.md", "gap.md", "threats.md"),
-    ),
-    Section(
-        "Results",
-        ("validation.md", "evaluation.md", "gap_benchmark.md", "real_machines.md", "results.md"),
-    ),
-    Section("Project", ("changelog.md", "development.md", "cite.md")),
-)
-OTHERS = "How-to"
-"""Section to which pages are appended that no section names."""
-
-
-def navigation(pages: Iterable[str]) -> list[dict[str, object]]:
-    """The navigation of MkDocs: the home page, then the sections that have pages."""
-    known = set(pages) - {HOME}
-    filled = {section.title: _filled(section, known) for section in SECTIONS}
-    placed = {page for section in SECTIONS for page in (*section.pages(), *_others(section, known))}
-    filled[OTHERS] += sorted(known - placed)
-    sections: list[dict[str, object]] = [{title: found} for title, found in filled.items() if found]
-    return [{"Home": HOME}, *sections]
-
-
-def _filled(section: Section, known: set[str]) -> list[object]:
-    """Entries of a section that exist, in order; sections without pages are left out."""
-    found: list[object] = []
-    for entry in section.entries:
-        if isinstance(entry, Section):
-            below = _filled(entry, known)
-            found += [{entry.title: below}] if below else []
-        elif entry in known:
-            found.append(entry)
-    return [*found, *_others(section, known)]
-
-
-def _others(section: Section, known: set[str]) -> list[str]:
-    """Other pages of the section's folder."""
-    if section.folder is None:
-        return []
-    return sorted(page for page in known - set(section.pages()) if page.startswith(section.folder))
+def pages(entry: Any = NAVIGATION) -> Iterator[str]:
+    """Pages of the navigation, or of one entry of it, in order."""
+    if isinstance(entry, str):
+        yield entry
+    else:
+        for below in entry.values() if isinstance(entry, dict) else entry:
+            yield from pages(below)

@@ -96,10 +96,6 @@ def _has_error(cell: Any) -> bool:
 def notebook_page(file: Path, execute: bool) -> str:
     """The page of a tutorial in Markdown, its pictures written beside the file.
 
-    Args:
-      file: The tutorial, in the folder where its page will be.
-      execute: Whether to execute it and show the results.
-
     Raises:
       SimulationError: A cell ended with an error.
     """

@@ -19,28 +19,14 @@ class _QuietHandler(SimpleHTTPRequestHandler):
         """Print nothing."""
 
 
-class SiteServer(ThreadingHTTPServer):
-    """Server with an open port, closed at the end of its context."""
-
-    daemon_threads = True
-
-    def serve(self, folder: Path) -> None:
-        """Serve the files of a folder until `shutdown` is called or the program is interrupted."""
-        self.RequestHandlerClass = functools.partial(_QuietHandler, directory=str(folder))
-        self.serve_forever(poll_interval=0.1)
-
-
-def open_server(port: int) -> SiteServer:
-    """Open a server on 127.0.0.1.
-
-    Args:
-      port: Port; 0 for any free one.
+def open_server(port: int, folder: Path) -> ThreadingHTTPServer:
+    """Open a server on 127.0.0.1 for the files of a folder, which may come later; port 0 is any free one.
 
     Raises:
       InputError: The port is taken, or needs a right that is missing.
     """
     try:
-        return SiteServer((_HOST, port), _QuietHandler)
+        return ThreadingHTTPServer((_HOST, port), functools.partial(_QuietHandler, directory=str(folder)))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError(f"--port {port}", f"cannot be used, {reason}", "choose another, or 0") from None

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import copy
 import logging
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
 
 import omnimj
 from omnimj.documentation.equations import format_equation, format_state_diagram
-from omnimj.documentation.navigation import navigation
+from omnimj.documentation.navigation import NAVIGATION
 from omnimj.documentation.staging import Report, stage
 from omnimj.errors import MissingLibrary, OmnimjError, write_failure
 from omnimj.recording.folder import check_folder
@@ -70,13 +73,9 @@ def require_generator() -> None:
 
 
 def build_site(folder: Path, parser: argparse.ArgumentParser, execute: bool, report: Report) -> SiteBuild:
-    """Build the site into a folder.
+    """Build the site into an existing folder, whose files are replaced.
 
-    Args:
-      folder: Folder that exists; its files are replaced.
-      parser: Parser of `omnimj`, whose options the how-to pages list.
-      execute: Whether to execute the tutorials, so that their results are shown.
-      report: Called with what is being done and the share that is done.
+    The how-to pages list the options of `parser`, that of `omnimj`; `execute` shows the tutorials' results.
 
     Raises:
       SimulationError: A tutorial ended with an error.
@@ -87,24 +86,18 @@ def build_site(folder: Path, parser: argparse.ArgumentParser, execute: bool, rep
         pages = stage(sources, parser, execute, report)
         report("building pages", 0.9)
         with _collected_warnings() as warnings:
-            _build(Path(work) / "mkdocs.yml", site_settings(sources, folder, pages))
-    return SiteBuild(folder, pages, tuple(warnings))
+            _build(Path(work) / "mkdocs.yml", site_settings(sources, folder))
+    return SiteBuild(folder, pages, tuple(record.getMessage() for record in warnings))
 
 
-def site_settings(sources: Path, folder: Path, pages: tuple[str, ...]) -> dict[str, Any]:
-    """Settings of MkDocs for one build.
-
-    Args:
-      sources: Folder of the pages.
-      folder: Folder of the site.
-      pages: The pages, relative to `sources`.
-    """
+def site_settings(sources: Path, folder: Path) -> dict[str, Any]:
+    """Settings of MkDocs for one build of the pages in `sources` into a folder."""
     return {
         "site_name": "omnimj",
         "site_description": "MuJoCo twin of an omni-wheel robot, fault diagnosis, and the gap to measurement",
         "docs_dir": str(sources),
         "site_dir": str(folder),
-        "nav": navigation(pages),
+        "nav": NAVIGATION,
         "theme": _theme(),
         "plugins": ["search", "offline", {"autorefs": {}}, {"mkdocstrings": _api_options()}],
         "markdown_extensions": list(_EXTENSIONS),
@@ -170,32 +163,22 @@ def _build(file: Path, settings: dict[str, Any]) -> None:
 
     file.write_text(f"site_name: {settings['site_name']}\n", encoding="utf-8")
     try:
-        build(load_config(str(file), **settings))
+        build(load_config(str(file), **copy.deepcopy(settings)))  # MkDocs empties what it is given
     except MkDocsException as error:
         raise OmnimjError(f"omnimj docs: {error}") from error
 
 
-class _Collector(logging.Handler):
-    """Keeps the messages of warnings and errors."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(record.getMessage())
-
-
 @contextmanager
-def _collected_warnings() -> Iterator[list[str]]:
+def _collected_warnings() -> Iterator[list[logging.LogRecord]]:
     """Context that collects the warnings of MkDocs in place of printing them."""
-    logger, collector = logging.getLogger("mkdocs"), _Collector()
+    logger, collector = logging.getLogger("mkdocs"), BufferingHandler(sys.maxsize)
+    collector.setLevel(logging.WARNING)
     before = logger.propagate, logger.level
     logger.addHandler(collector)
     logger.propagate = False
     logger.setLevel(logging.WARNING)
     try:
-        yield collector.messages
+        yield collector.buffer
     finally:
         logger.removeHandler(collector)
         logger.propagate, logger.level = before[0], before[1]
@@ -207,14 +190,9 @@ _MARK = "index.html"
 def publish(
     folder: Path, force: bool, parser: argparse.ArgumentParser, execute: bool, report: Report
 ) -> SiteBuild:
-    """Build the site beside its folder and move it there when it is complete.
+    """Build the site beside its folder, as `build_site`, and move it there when it is complete.
 
-    Args:
-      folder: Folder of the site, new or empty.
-      force: Write into a folder that is not empty; the files of a site there are replaced, others are kept.
-      parser: Parser of `omnimj`, whose options the how-to pages list.
-      execute: Whether to execute the tutorials, so that their results are shown.
-      report: Called with what is being done and the share that is done.
+    With `force` the folder may hold files: those of a site are replaced, others are kept.
 
     Raises:
       InputError: The folder is not empty and `force` is false.

@@ -31,13 +31,7 @@ def pages_elsewhere() -> dict[str, Path]:
 
 
 def stage(sources: Path, parser: argparse.ArgumentParser, execute: bool, report: Report) -> tuple[str, ...]:
-    """Collect the sources of the site.
-
-    Args:
-      sources: Folder to make.
-      parser: Parser of `omnimj`, whose options the how-to pages list.
-      execute: Whether to execute the tutorials.
-      report: Called with what is being done and the share that is done.
+    """Collect the sources of the site in a new folder, with options and tutorials as in `site.build_site`.
 
     Returns:
       The pages, relative to `sources`, sorted.

@@ -87,12 +87,7 @@ class OmniDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin an episode.
-
-        Args:
-          seed: Seed of motions and noise of this episode and those that follow; when None, they go on.
-          options: Not used.
-        """
+        """Begin an episode; without a seed its motion and noise go on from the last. Options are not used."""
         super().reset(seed=seed)
         self._robot.reset(self.np_random)
         self._scene.begin(self._robot)

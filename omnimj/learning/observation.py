@@ -28,10 +28,8 @@ def entries(robot: Robot) -> tuple[Entry, ...]:
 
     `heading_error` is planned heading − the cascade's estimate. Targets are turned into the body frame by
     that estimate; those `ahead` are the plan's `AHEAD` later. `behind` is planned position − dead reckoning
-    by wheel speeds and estimated heading, body frame: what slip and creep do to the place is not seen.
-
-    Args:
-      robot: The robot.
+    by wheel speeds and estimated heading, body frame: position errors caused by slip and creep are not
+    observed.
     """
     n = robot.wheel_count
     wheels = [Entry(f"wheel_speed_{i}", "rad/s", wheel_speed_scale(robot)) for i in range(1, n + 1)]

@@ -121,10 +121,7 @@ class Task:
 
 
 def read_task(**options: Any) -> Task:
-    """Check options and read the files that they name.
-
-    Args:
-      **options: Those of `Options`.
+    """Check `Options` and read the files that they name.
 
     Raises:
       InputError: A value breaks its rule, or options do not go together.
@@ -134,29 +131,24 @@ def read_task(**options: Any) -> Task:
         if name not in OPTION_NAMES:
             raise UnknownNameError(ENVIRONMENT, "option", name, OPTION_NAMES)
     given = Options(**options)
-    plant = _choice("plant", given.plant, PLANT_NAMES)
-    action = ACTIONS.index(_choice("action", given.action, ACTIONS))
-    task = _missions(given) if given.scenario == MISSIONS else _of_scenario(given)
-    task = dataclasses.replace(
-        task,
-        plant=plant,
-        action=action,
-        periods=_periods(given.decision_period, task.period),
-        largest_error=_number("largest_error", given.largest_error, _LARGEST_ERROR),
-        energy_weight=_number("energy_weight", given.energy_weight, _WEIGHT),
-    )
-    if plant == "planar" and task.scene is not None:
+    common = {
+        "plant": _choice("plant", given.plant, PLANT_NAMES),
+        "action": ACTIONS.index(_choice("action", given.action, ACTIONS)),
+        "largest_error": _number("largest_error", given.largest_error, _LARGEST_ERROR),
+        "energy_weight": _number("energy_weight", given.energy_weight, _WEIGHT),
+    }
+    task = _missions(given, common) if given.scenario == MISSIONS else _of_scenario(given, common)
+    if task.plant == "planar" and task.scene is not None:
         raise InputError(_place("plant"), "found 'planar'", "this scenario's scene is for the twin only")
     return task
 
 
-def _missions(given: Options) -> Task:
+def _missions(given: Options, common: Mapping[str, Any]) -> Task:
     robot, floors = read_robot(given.model), all_floors(given.floors)
     rule = _MISSION_DURATION if given.drive is None else _DURATION
     duration = _number("duration", _or(given.duration, lambda: _MISSION_TIME), rule)
     task = Task(
         robot=robot,
-        plant="twin",
         floor=_MISSION_FLOOR,
         floors=floors,
         faults=(),
@@ -167,15 +159,13 @@ def _missions(given: Options) -> Task:
         loops={"heading_hold": True},
         creep_floor=None,
         scene=None,
-        action=0,
-        periods=1,
-        largest_error=given.largest_error,
-        energy_weight=given.energy_weight,
+        periods=_periods(given.decision_period, robot),
+        **common,
     )
     return _with_own(task, given)
 
 
-def _of_scenario(given: Options) -> Task:
+def _of_scenario(given: Options, common: Mapping[str, Any]) -> Task:
     scenario = _scenario(given)
     if scenario.is_rig or scenario.level != "physics":
         found = f"{scenario.name} is driven without forces or on the rig"
@@ -186,7 +176,6 @@ def _of_scenario(given: Options) -> Task:
     drive, reference = scenario.robot_drive, scenario.robot_drive.reference
     task = Task(
         robot=scenario.robot,
-        plant="twin",
         floor=scenario.floor,
         floors=scenario.floors,
         faults=scenario.faults,
@@ -197,10 +186,8 @@ def _of_scenario(given: Options) -> Task:
         loops=_loops(drive),
         creep_floor=None if drive.creep_floor is None else scenario.floors[drive.creep_floor],
         scene=scenario.scene,
-        action=0,
-        periods=1,
-        largest_error=given.largest_error,
-        energy_weight=given.energy_weight,
+        periods=_periods(given.decision_period, scenario.robot),
+        **common,
     )
     return _with_own(task, given)
 
@@ -257,7 +244,8 @@ def _loops(drive: Any) -> dict[str, bool]:
     return {name: getattr(drive, name) for name in ("yaw_loop", "heading_hold", "heading_feedback")}
 
 
-def _periods(decision: float, period: float) -> int:
+def _periods(decision: float, robot: Robot) -> int:
+    period = 1.0 / robot.sensors.sample_rate
     seconds = _number("decision_period", decision, _DECISION)
     periods = round(seconds / period)
     if periods < 1 or abs(periods * period - seconds) > 1e-9:
@@ -292,12 +280,7 @@ def draw_plan(draws: np.random.Generator, duration: float, period: float) -> Pla
     """Draw a mission: straight segments at 0.2-1.0 m/s with turns, stops and reversals, from rest to rest.
 
     Within a segment the velocity goes from where it is to the demand at constant acceleration, so that no
-    loop over the control periods is needed.
-
-    Args:
-      draws: Random number generator.
-      duration: Duration [s].
-      period: Control period [s].
+    loop over the control periods is needed. Duration and period are in s.
     """
     rows = round(duration / period) + 1
     twist, now, row = np.zeros((rows, 3)), np.zeros(3), 0

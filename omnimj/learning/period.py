@@ -1,4 +1,8 @@
-"""One control period under a policy as kernels, common to planar robot and twin."""
+"""One control period under a policy as kernels, common to planar robot and twin.
+
+`p` is the `Setup` of the environment, `e` the `Episode` of the robot, changed in place, and `plan` its
+`Plan`; `setup` and `episode` are records of the first two.
+"""
 
 from __future__ import annotations
 
@@ -90,13 +94,9 @@ class Episode(NamedTuple):
 
 @inlined
 def set_currents(p, e, plan, time):
-    """Set the currents of the coming period by cascade and action, in place.
+    """Set the currents of the coming period in the cascade of `e`, by cascade and action.
 
-    Args:
-      p: `Setup`.
-      e: `Episode`, changed in place; the currents are those of its cascade.
-      plan: `Plan`.
-      time: Time of the readings [s].
+    `time` is that of the readings [s].
     """
     n, at, x = p.forward.shape[1], e.period, e.cascade
     current, wheel_speed, acceleration = e.readings[:n], e.readings[n : 2 * n], e.readings[2 * n : 2 * n + 2]
@@ -122,11 +122,7 @@ def set_currents(p, e, plan, time):
 def account(p, e, plan, values):
     """Count one more period: dead reckoning, distance from the plan, heading error, energy.
 
-    Args:
-      p: `Setup`.
-      e: `Episode`, changed in place.
-      plan: `Plan`.
-      values: True currents [A] and wheel speeds [rad/s] first, shape (2n+4,).
+    `values` begin with true currents [A] and wheel speeds [rad/s], shape (2n+4,).
 
     Returns:
       False if a true value is not finite or beyond `Setup.largest`.
@@ -162,13 +158,7 @@ def _scaled(value, scale):
 
 @kernel
 def observe(p, e, plan):
-    """Fill the observation by the readings and the plan.
-
-    Args:
-      p: `Setup`.
-      e: `Episode`, changed in place.
-      plan: `Plan`.
-    """
+    """Fill the observation by the readings and the plan."""
     n, heading, seen = p.forward.shape[1], e.cascade.heading, e.observation
     at = e.period
     ahead = min(at + p.ahead, plan.columns.shape[0] - 1)
@@ -193,12 +183,7 @@ def observe(p, e, plan):
 def act_on_planar(plant, setup, episode, plan, next_change):
     """Drive until the end of the decision or until Python is needed; observe at the end.
 
-    Args:
-      plant: `PlanarArrays`.
-      setup: Record of `Setup`.
-      episode: Record of `Episode`, changed in place.
-      plan: `Plan`.
-      next_change: Time from which the plant has conditions to change [s].
+    The plant, `PlanarArrays`, has conditions to change from the time `next_change` [s].
 
     Returns:
       The reason for which the loop returns.

@@ -22,11 +22,7 @@ _POINTS = 400  # of a path at most
 
 
 class Scene:
-    """Content of a map beside the robot.
-
-    Args:
-      task: Robot and patches.
-    """
+    """Content of a map beside the robot, whose patches are those of a task."""
 
     def __init__(self, task: Task):
         self.task, self.trail = task, np.zeros((0, 2)).tolist()

@@ -1,8 +1,9 @@
 """Robots under a policy: plant, cascade and plan of each, and the reward of their decisions.
 
-Both kinds of environment drive by these functions, so that a robot does the same alone and among others. The
-states of all robots are records of one array: what needs the interpreter is done for all at once, and
-`Simulation.drive` leaves it, and its lock, but for a few microseconds.
+Both kinds of environment drive by these functions, so that a robot does the same alone and among others. A
+`task` is what all episodes of an environment have in common. `episodes` are the states of all robots, records
+of one array, changed in place: work in Python is done for all robots at once; `Simulation.drive` holds the
+interpreter's lock for only a few microseconds.
 """
 
 from __future__ import annotations
@@ -47,13 +48,7 @@ class Outcome(NamedTuple):
 
 
 class Simulation:
-    """One robot under a policy.
-
-    Args:
-      task: What all episodes have in common.
-      episodes: Records of `blank_episodes`.
-      k: Its own record among them.
-    """
+    """One robot under a policy, the k-th of the records of `blank_episodes`."""
 
     def __init__(self, task: Task, episodes: Record, k: int):
         self.task, self._record = task, episodes[k : k + 1]
@@ -82,7 +77,7 @@ class Simulation:
         self.drive()
 
     def drive(self) -> None:
-        """Drive to the end of the present decision; ends early where the truth is not sound."""
+        """Drive to the end of the decision; stops early if a true value is not finite or too large."""
         plant = self._plant
         while (
             self._act(plant.arrays(), self._setup, self._record, self._plan, plant.next_change)
@@ -111,13 +106,7 @@ def blank_episodes(task: Task, count: int) -> Record:
 
 
 def begin_decision(task: Task, episodes: Record, actions: Array) -> None:
-    """Give each robot its action, to be held for one decision.
-
-    Args:
-      task: What all episodes have in common.
-      episodes: Records of the robots, changed in place.
-      actions: Shape (robots, m); clipped to ±1.
-    """
+    """Give each robot its action, shape (robots, m), clipped to ±1, to be held for one decision."""
     episodes["action"][:, : task.action_size] = np.clip(actions, -1.0, 1.0)
     episodes["error"] = episodes["turned"] = episodes["energy"] = 0.0
     episodes["begin"] = episodes["period"]
@@ -125,12 +114,7 @@ def begin_decision(task: Task, episodes: Record, actions: Array) -> None:
 
 
 def judge_decision(task: Task, episodes: Record) -> Outcome:
-    """Judge the decision that has been driven.
-
-    Args:
-      task: What all episodes have in common.
-      episodes: Records of the robots.
-    """
+    """Judge the decision that has been driven."""
     error, turned, energy = (episodes[name].copy() for name in ("error", "turned", "energy"))
     period = episodes["period"]
     sound, left = episodes["sound"], episodes["last"] - period
@@ -144,13 +128,7 @@ def judge_decision(task: Task, episodes: Record) -> Outcome:
 
 
 def describe(task: Task, episodes: Record, outcome: Outcome | None = None) -> dict[str, Any]:
-    """Truth for judging, which a policy must not see, one row per robot.
-
-    Args:
-      task: What all episodes have in common.
-      episodes: Records of the robots.
-      outcome: Of the last decision; None after a reset.
-    """
+    """Truth for judging, which a policy must not see, one row per robot; no outcome after a reset."""
     now = episodes["period"] * task.period
     active = np.zeros(len(episodes), bool)
     for fault in task.faults:

@@ -12,12 +12,7 @@ from omnimj.simulate.compiled.row import CHUNK_IS_DONE, PLANT_CHANGES, TRUTH_IS_
 def act_on_twin(plant, setup, episode, plan, next_change):
     """Drive until the end of the decision or until Python is needed; observe at the end.
 
-    Args:
-      plant: `TwinArrays`.
-      setup: Record of `Setup`.
-      episode: Record of `Episode`, changed in place.
-      plan: `Plan`.
-      next_change: Time of the simulation from which the plant has conditions to change [s].
+    Arguments as in `period.act_on_planar`, with `TwinArrays` as the plant.
 
     Returns:
       The reason for which the loop returns.

@@ -129,10 +129,7 @@ class OmniDriveVector(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
     def step(
         self, actions: NDArray[np.float32] | Array
     ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Hold an action of every robot for one decision; robots run in threads.
-
-        Args:
-          actions: Shape (num_envs, m), within ±1.
+        """Hold actions, shape (num_envs, m), within ±1, for one decision; robots run in threads.
 
         Returns:
           Observations, rewards, terminated, truncated, all with a row per robot, and infos.

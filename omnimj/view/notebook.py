@@ -48,7 +48,7 @@ from omnimj.view.report.diagnosis import diagnoses_table, run_section
 from omnimj.view.report.evaluation import evaluation_figures, plain_text
 from omnimj.view.report.gap import gap_verdict, location_figures, rounds, size_figures, traction_figures
 from omnimj.view.report.identification import floor_figures, parameters_table
-from omnimj.view.report.page import Figure, Table, number, plot, render_part, table
+from omnimj.view.report.page import Figure, Table, number, render_part, table
 from omnimj.view.report.run import checks_table, run_figures, run_verdict
 from omnimj.view.report.tuning import tuning_figures, tuning_tables
 from omnimj.view.report.validation import drive_figures, groups_table, overlays
@@ -260,7 +260,7 @@ def _(record: Finding) -> list[Figure]:
     windows = overlays_by_run(record)
     for name, run in (("worst-run", worst_run(record)), ("typical-run", typical_run(record))):
         if run is not None:
-            found.append(plot(mismatch.overlay(record, windows[run]), name, run, "Measured and simulated."))
+            found.append(Figure(mismatch.overlay(record, windows[run]), name, run, "Measured and simulated."))
     return found
 
 
@@ -299,7 +299,7 @@ def _(record: RobotIdentification) -> Summary:
 @figures.register
 def _(record: RobotIdentification) -> list[Figure]:
     words = "Bars: 90 % intervals."
-    return [plot(identified_numbers(record), "numbers", "Numbers over those of the model file", words)]
+    return [Figure(identified_numbers(record), "numbers", "Numbers over those of the model file", words)]
 
 
 @summarize.register

@@ -72,11 +72,9 @@ class Picture:
 
 
 def camera_at(mj_model: mujoco.MjModel, qpos: Array) -> Camera:
-    """Choose a camera that shows the machine: the robot from its front left, the rig from its side.
+    """Choose a camera that shows the machine in the pose `qpos`, shape (nq,).
 
-    Args:
-      mj_model: Compiled model.
-      qpos: Generalised positions, shape (nq,).
+    The robot is seen from its front left, the rig from its side.
     """
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:] = qpos
@@ -98,20 +96,11 @@ def render(
     size: tuple[int, int] = (1280, 860),
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """Render a model in one pose to a PNG file; missing OpenGL is not an error.
+    """Render a model in one pose, shape (nq,), to a PNG file; missing OpenGL is not an error.
 
-    Args:
-      mj_model: Compiled model, with floor and lights.
-      qpos: Generalised positions, shape (nq,).
-      path: PNG file to write.
-      subject: Content of the picture in words, for captions.
-      camera: Camera; None for that of `camera_at`.
-      trail: Points of a path to draw on the floor, shape (k, 2) [m].
-      size: Width and height [pixels].
-      backends: Values of MUJOCO_GL to try in turn.
-
-    Returns:
-      Picture; its path is None if no backend could render it.
+    `subject` is the content in words, for captions, `trail` a path to draw on the floor, shape (k, 2) [m],
+    and `size` in pixels. The values of MUJOCO_GL in `backends` are tried in turn; the path of the picture is
+    None if all fail.
     """
     camera = camera_at(mj_model, qpos) if camera is None else camera
     points = np.empty((0, 2)) if trail is None else np.asarray(trail, float)
@@ -206,16 +195,10 @@ def _render_job(job: Path) -> None:
 def frames(
     mj_model: mujoco.MjModel, shots: Iterable[tuple[Array, Camera, Array]], size: tuple[int, int]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Render poses of a model in this process, with the OpenGL that MUJOCO_GL selects.
+    """Render shots in this process, with the OpenGL that MUJOCO_GL selects; the lights follow the camera.
 
-    Args:
-      mj_model: Compiled model; its lights follow the camera.
-      shots: Per frame: generalised positions, shape (nq,), camera, and points of a path on the floor, shape
-        (k, 2) [m].
-      size: Width and height [pixels].
-
-    Yields:
-      RGB pixels, shape (height, width, 3).
+    A shot is a pose, shape (nq,), a camera, and the points of a path on the floor, shape (k, 2) [m]; it
+    becomes RGB pixels, shape (height, width, 3).
     """
     width, height = (SUPERSAMPLING * side for side in size)
     mj_model.vis.global_.offwidth, mj_model.vis.global_.offheight = width, height
@@ -254,14 +237,9 @@ def add_path(
     radius: float,
     most: int = 400,
 ) -> None:
-    """Add a path on the floor as thin capsules within the capacity of the scene.
+    """Add a path on the floor, shape (k, 2) [m], as at most `most` thin capsules of a radius [m].
 
-    Args:
-      scene: Scene of a renderer.
-      points: Positions, shape (k, 2) [m].
-      color: Red, green and blue, 0 … 1.
-      radius: Radius of the capsules [m].
-      most: Largest number of capsules.
+    Fewer are added if the scene has no room for them.
     """
     room, rgba = min(len(points) - 1, scene.maxgeom - scene.ngeom, most), np.array([*color, 1.0], np.float32)
     if room < 1:

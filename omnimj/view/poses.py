@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Array, Trace
@@ -39,15 +40,7 @@ class Poses:
 
 
 def thin(time: Array, rate: float) -> NDArray[np.int64]:
-    """Select at most `rate` samples per second, including the first and the last.
-
-    Args:
-      time: Increasing times, shape (k,) [s].
-      rate: Samples per second.
-
-    Returns:
-      Indices of the selected samples, shape (m,).
-    """
+    """Select at most `rate` samples per second by index, shape (m,), including the first and the last."""
     if len(time) < 3:
         return np.arange(len(time))
     number = min(len(time), int(np.ceil((time[-1] - time[0]) * rate)) + 1)
@@ -141,87 +134,34 @@ def _wheel_number(mj_model: mujoco.MjModel, body: int) -> tuple[int, int]:
 
 
 def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
-    """Compute the unit vectors of the wheel axles in the world over time.
-
-    Args:
-      poses: Gives the model.
-      frames: World poses of all bodies, k instants.
-      bodies: Bodies that turn on the axles, n in number.
-
-    Returns:
-      Unit vectors, shape (k, n, 3).
-    """
+    """Compute the unit vectors of n wheel axles in the world at k instants, shape (k, n, 3)."""
     axles = np.empty((len(frames.time), len(bodies), 3))
     for i, body in enumerate(bodies):
         axis = hinge_axis(poses.mj_model, body)
-        axles[:, i] = rotated(frames.quaternion[:, body], np.array([0.0, 1.0, 0.0]) if axis is None else axis)
+        turn = Rotation.from_quat(frames.quaternion[:, body], scalar_first=True)
+        axles[:, i] = turn.apply(np.array([0.0, 1.0, 0.0]) if axis is None else axis)
     return axles
 
 
-def rotated(quaternion: Array, vector: Array) -> Array:
-    """Rotate a vector by unit quaternions: v + 2 w (q × v) + 2 q × (q × v).
-
-    Args:
-      quaternion: Unit quaternions w, x, y, z, shape (k, 4).
-      vector: Vector, shape (3,).
-
-    Returns:
-      Rotated vectors, shape (k, 3).
-    """
-    w, q = quaternion[:, :1], quaternion[:, 1:]
-    cross = np.cross(q, np.broadcast_to(vector, q.shape))
-    return vector + 2.0 * (w * cross + np.cross(q, cross))
-
-
 def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple[Array, Array]:
-    """Express the poses of bodies over time in the frame of one parent body.
-
-    Args:
-      frames: World poses of all bodies, k instants.
-      bodies: Bodies to express, m in number.
-      parent: Body in whose frame they are expressed.
+    """Express the poses of m bodies at k instants in the frame of one parent body.
 
     Returns:
       Positions, shape (k, m, 3) [m], and quaternions w, x, y, z, shape (k, m, 4).
     """
-    turn = frames.quaternion[:, parent]
+    turn = Rotation.from_quat(frames.quaternion[:, parent], scalar_first=True)
     place = frames.position[:, bodies] - frames.position[:, parent, None]
-    position = place @ _matrices(turn)  # row vectors times R: the inverse rotation
-    w, x, y, z = (turn[:, i, None, None] for i in range(4))
-    left = np.concatenate(
-        [
-            np.concatenate([w, x, y, z], axis=2),
-            np.concatenate([-x, w, z, -y], axis=2),
-            np.concatenate([-y, -z, w, x], axis=2),
-            np.concatenate([-z, y, -x, w], axis=2),
-        ],
-        axis=1,
-    )  # left multiplication by the conjugate quaternion
-    return position, frames.quaternion[:, bodies] @ left.transpose(0, 2, 1)
-
-
-def _matrices(quaternion: Array) -> Array:
-    """Return the rotation matrices of unit quaternions, shape (k, 4), as shape (k, 3, 3)."""
-    w, x, y, z = quaternion.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    relative = [
+        turn.inv() * Rotation.from_quat(frames.quaternion[:, body], scalar_first=True) for body in bodies
     ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    quaternion = np.stack([rotation.as_quat(scalar_first=True) for rotation in relative], axis=1)
+    return place @ turn.as_matrix(), quaternion  # row vectors times R: the inverse rotation
 
 
 def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """Convert position, heading and wheel angles of a robot to its generalised positions.
+    """Convert x, y [m], heading and n wheel angles [rad], shape (k, 3 + n), to poses, shape (k, nq).
 
     All other joints keep the model's reference position.
-
-    Args:
-      mj_model: Model of the robot with n wheels.
-      coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
-
-    Returns:
-      Generalised positions, shape (k, nq).
     """
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     half = 0.5 * coordinates[:, 2]
@@ -237,15 +177,9 @@ def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
 def poses_from_trace(
     mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0, turned: Array | None = None
 ) -> Poses:
-    """Compute poses from the driven path, for runs without recorded poses (planar model, hardware).
+    """Compute `rate` poses a second from the driven path, for runs without poses (planar model, hardware).
 
-    The wheels turn by the integral of `wheel_speed_i`.
-
-    Args:
-      mj_model: Model of the robot.
-      trace: Trace of a robot with `x`, `y`, `heading`.
-      rate: Poses per second.
-      turned: Wheel angles at the start of the trace, shape (n,) [rad].
+    The wheels turn by the integral of `wheel_speed_i` from the angles `turned`, shape (n,) [rad].
     """
     keep = thin(trace["time"], rate)
     step = np.diff(trace["time"], prepend=trace["time"][0])
@@ -268,11 +202,8 @@ def visible_poses(
 ) -> Poses | None:
     """Return the poses of a run for its recording and picture; None if the motion of the machine is unknown.
 
-    Args:
-      scenario: Scenario of the run.
-      trace: Signals of the run; without recorded poses, a robot follows `x`, `y`, `heading` and wheel speeds.
-      time: Times of the recorded poses, shape (k,) [s].
-      qpos: Recorded poses, shape (k, nq).
+    Recorded poses have the shape (k, nq) at times of shape (k,) [s]; without them a robot follows `x`, `y`,
+    `heading` and wheel speeds.
 
     Raises:
       ValueError: The poses are not those of the machine in the scenario.

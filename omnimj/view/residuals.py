@@ -108,14 +108,10 @@ _MEANINGS: Mapping[str, Mapping[str, Family]] = {"robust": _ROBUST, "published":
 
 
 def families(columns: Collection[str], method: str, printed: bool = False) -> list[Family]:
-    """Group the residual columns of a trace into families, in their order.
+    """Group the residual columns of a trace, or of a method's `log_names`, into families, in their order.
 
-    A residual without an explanation in this module is shown under the name of its column.
-
-    Args:
-      columns: Names of a trace's columns, or a method's `log_names`.
-      method: Name of the detection method.
-      printed: True for the published method as printed, with positive thresholds only.
+    A residual without an explanation in this module is shown under the name of its column. The published
+    method `printed` as in its source has positive thresholds only.
     """
     meanings = _MEANINGS.get(method, {})
     if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # a rig has one wheel, without a number

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy.integrate import cumulative_trapezoid
 
 from omnimj.errors import UnknownNameError
 from omnimj.estimate.drives.records import DrivenRun, DriveValidation
@@ -27,7 +28,6 @@ from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.picture import SUPERSAMPLING, add_path, place, smoothed
 from omnimj.view.poses import robot_poses
-from omnimj.view.rerun.dead_reckoning import integrated
 from omnimj.view.rerun.side_by_side import side_by_side
 
 _SIZE = 1000, 520  # [pixels]
@@ -66,7 +66,7 @@ def make_twin_picture(path: Path, found: DriveValidation, run: str, robot: Robot
 
 
 def _last(mj_model: mujoco.MjModel, run: DrivenRun, pose: Array) -> Array:
-    angles = integrated(run.time, run.wheel_speed)
+    angles = cumulative_trapezoid(run.wheel_speed, run.time, axis=0, initial=0.0)
     return robot_poses(mj_model, np.column_stack([pose[-1:], angles[-1:]]))[0]
 
 

@@ -288,6 +288,6 @@ def describe_layout(constants: Robot | Rig) -> str:
     if not needed:
         return ""
     if len(needed) == n:
-        return f"{_COUNTS.get(n, str(n))} wheels cannot lose one and be steered and turned at will"
+        return f"{_COUNTS.get(n, str(n))} wheels need every wheel to control all three degrees of freedom"
     which = f"wheel{'s' if len(needed) > 1 else ''} {', '.join(map(str, needed))}"
-    return f"it cannot lose {which} and be steered and turned at will"
+    return f"without {which} it cannot control all three degrees of freedom"

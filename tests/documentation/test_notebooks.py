@@ -12,7 +12,7 @@ import pytest
 
 from omnimj.cli.main import make_parser
 from omnimj.cli.terminal import ended_by_signals
-from omnimj.documentation.navigation import SECTIONS
+from omnimj.documentation.navigation import NAVIGATION
 from omnimj.documentation.notebooks import execute_notebook, notebook_page, read_notebook
 from omnimj.documentation.staging import DOCS
 from omnimj.errors import SimulationError
@@ -52,8 +52,8 @@ def tutorial(tmp_path):
 
 
 def test_all_six_tutorials_are_there_in_the_order_of_the_navigation():
-    (section,) = (one for one in SECTIONS if one.title == "Tutorials")
-    assert {f"tutorials/{path.name}" for path in TUTORIALS} == set(section.pages())
+    (tutorials,) = (section["Tutorials"] for section in NAVIGATION if "Tutorials" in section)
+    assert {f"tutorials/{path.name}" for path in TUTORIALS} == set(tutorials)
 
 
 @pytest.mark.parametrize("path", by_name(TUTORIALS))

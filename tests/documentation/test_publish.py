@@ -70,9 +70,9 @@ def test_a_full_disk_leaves_nothing_behind(quick, tmp_path):
 
 def test_the_server_listens_on_this_machine_alone_and_serves_the_folder(tmp_path):
     (tmp_path / "index.html").write_text("<p>here</p>")
-    with open_server(0) as server:
+    with open_server(0, tmp_path) as server:
         assert server.server_address[0] == "127.0.0.1"
-        thread = threading.Thread(target=server.serve, args=(tmp_path,))
+        thread = threading.Thread(target=server.serve_forever)
         thread.start()
         try:
             found = {}
@@ -89,8 +89,8 @@ def test_the_server_listens_on_this_machine_alone_and_serves_the_folder(tmp_path
     assert found["/../secret"][0] == found["/nothing"][0] == 404
 
 
-def test_a_port_that_is_taken_is_said_in_one_line():
-    with open_server(0) as server:
+def test_a_port_that_is_taken_is_said_in_one_line(tmp_path):
+    with open_server(0, tmp_path) as server:
         taken = rf"^--port {server.server_port}: cannot be used, "
-        with pytest.raises(InputError, match=taken), open_server(server.server_port):
+        with pytest.raises(InputError, match=taken), open_server(server.server_port, tmp_path):
             pass

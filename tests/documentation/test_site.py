@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -10,10 +11,13 @@ from urllib.parse import unquote, urldefrag
 import pytest
 
 import omnimj
-from omnimj.documentation.navigation import HOME, SECTIONS, navigation
-from omnimj.documentation.site import SiteBuild
+from omnimj.documentation import navigation
+from omnimj.documentation import site as publishing
+from omnimj.documentation.reference import reference_pages
+from omnimj.documentation.site import SiteBuild, publish
 from omnimj.documentation.staging import DOCS, pages_elsewhere
 from omnimj.effects.catalogue import EFFECTS
+from omnimj.errors import OmnimjError
 
 _LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "video": "src", "object": "data"}
 _LINKS_LOADED = {"stylesheet", "icon", "preload", "modulepreload", "manifest", "preconnect", "dns-prefetch"}
@@ -57,22 +61,23 @@ def test_every_page_of_the_documentation_is_in_the_site(site: SiteBuild, pages):
     assert {page.replace(".md", ".html") for page in site.pages} == built - {"404.html"}
 
 
-def test_every_page_is_once_in_the_navigation_even_one_that_no_section_names():
-    def leaves(entry):
-        if isinstance(entry, str):
-            yield entry
-        for one in entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ():
-            yield from leaves(one)
-
-    named = [page for section in SECTIONS for page in section.pages()]
-    known = [HOME, *named, "a_page_of_tomorrow.md", "tutorials/another.md"]
-    assert sorted(leaves(navigation(known))) == sorted(known)
-    (tutorials,) = (one["Tutorials"] for one in navigation(known) if "Tutorials" in one)
-    assert list(leaves(tutorials))[-1] == "tutorials/another.md"
+def test_every_page_is_once_in_the_navigation():
+    sources = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    assert sorted(navigation.pages()) == sorted(sources | set(pages_elsewhere()) | set(reference_pages()))
 
 
-def test_sections_without_pages_are_left_out():
-    assert navigation(["index.md", "gap.md"]) == [{"Home": "index.md"}, {"Explanation": ["gap.md"]}]
+@pytest.mark.slow
+def test_a_page_outside_the_navigation_is_a_warning_which_ends_the_build(tmp_path, monkeypatch):
+    def stage(sources, *_):
+        named = (*navigation.pages(), "a_page_of_tomorrow.md")
+        for page in named:
+            (sources / page).parent.mkdir(parents=True, exist_ok=True)
+            (sources / page).write_text("# Title\n", encoding="utf-8")
+        return named
+
+    monkeypatch.setattr(publishing, "stage", stage)
+    with pytest.raises(OmnimjError, match=r"(?s)not included in .*a_page_of_tomorrow.md"):
+        publish(tmp_path / "site", False, argparse.ArgumentParser(), False, lambda *_: None)
 
 
 def test_pages_load_nothing_from_another_host(pages):

@@ -14,7 +14,7 @@ from omnimj.estimate.gap.records import worst_run
 from omnimj.parameters import read_rig, read_robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.view.rerun.before_after import shown_runs, write_before_after
-from omnimj.view.rerun.dead_reckoning import axis_motion, filled, integrated, rig_motion, robot_motion
+from omnimj.view.rerun.dead_reckoning import axis_motion, filled, rig_motion, robot_motion
 
 
 class RunsBack(ReadBack):
@@ -154,8 +154,3 @@ def test_what_is_masked_is_bridged_by_a_line():
     values = np.array([np.nan, 1.0, np.nan, np.nan, 4.0, np.nan])
     np.testing.assert_allclose(filled(values), [1.0, 1.0, 2.0, 3.0, 4.0, 4.0])
     np.testing.assert_allclose(filled(np.full(3, np.nan)), 0.0)
-
-
-def test_an_integral_of_a_constant_is_a_line():
-    time = np.array([0.0, 0.1, 0.4, 1.0])
-    np.testing.assert_allclose(integrated(time, np.full(4, 2.0)), 2.0 * time)

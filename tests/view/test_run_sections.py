@@ -17,7 +17,7 @@ from test_report import Page
 from omnimj.cli.main import main
 from omnimj.studies import workers
 from omnimj.view.report.gap import write_gap_report
-from omnimj.view.report.page import make_section, run_table
+from omnimj.view.report.page import RunSection, run_table
 
 KINDS = ("gap", "evaluate")
 _STATE = """
@@ -140,8 +140,8 @@ def test_without_scripts_the_field_is_absent_and_everything_else_is_there(kind, 
 
 
 def test_rows_without_a_part_of_the_page_have_no_link():
-    table = run_table([("a", (1,)), ("b & b", (2,))], ("run", "n"), [make_section("a", [])])
-    assert [row[0].link for row in table.rows] == ["run-a", ""]
+    table = run_table([("a", (1,)), ("b & b", (2,))], ("run", "n"), [RunSection("a", [])])
+    assert [row[0].link for row in table.rows] == ["#run-a", ""]
     assert list(table.keys) == ["run-a", "run-b-20--26--20-b"]
 
 

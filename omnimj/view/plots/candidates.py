@@ -22,7 +22,8 @@ _VERDICT_STYLES = {  # verdict → colour, marker, filled or not
     "below the margin": (BEATEN, "circle", False),
 }
 LEAST_GAIN = -0.25
-"""Gain at which the mark of a smaller one stays, so that the others keep their width; hovering gives it."""
+"""Smallest gain drawn; smaller ones are clipped to it to keep the others readable, and the tooltip shows
+their value."""
 
 
 def candidate_gains(stage: Stage) -> Drawing:

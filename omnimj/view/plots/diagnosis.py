@@ -128,13 +128,7 @@ def state_lanes(
 ) -> Drawing:
     """Plot strips over time: true faults, below them diagnoses per wheel, and the mode at the bottom.
 
-    Args:
-      trace: Times of the run; its modes, if it has any.
-      truth: True faults.
-      diagnosed: Diagnoses.
-      method: Name of the method, which names its modes.
-      is_rig: True for the rig.
-      least: Least height [pixels].
+    The method names the modes, and `least` is the least height [pixels].
     """
     true, found = _lanes(truth), _lanes(diagnosed)
     rows = [("true", lane) for lane in true or [()]] + [("diagnosed", lane) for lane in found or [()]]
@@ -157,13 +151,7 @@ def state_lanes(
 
 
 def event_lanes(duration: float, truth: Sequence[Span], diagnosed: Sequence[Span]) -> Drawing:
-    """Plot strips over the time of a run whose signals are not kept: true faults and diagnoses per wheel.
-
-    Args:
-      duration: Duration of the run [s].
-      truth: True faults.
-      diagnosed: Diagnoses.
-    """
+    """Plot true faults and diagnoses per wheel for a run of `duration` [s] whose signals are not kept."""
     trace = Trace({"time": np.array([0.0, duration])}, {})
     return state_lanes(trace, truth, diagnosed, "", False, least=0)
 
@@ -227,14 +215,10 @@ def _modes(panel: Panel, row: int, trace: Trace, method: str, is_rig: bool) -> N
 
 
 def floor_probabilities(time: Array, probability: Array, truth: Array | None, floor: str) -> Drawing:
-    """Probability of one floor under each wheel, one panel below the other, with the camera's truth.
+    """Probability of one floor under each of n wheels, one panel below the other, with the camera's truth.
 
-    Args:
-      time: Windows' centres, shape (w,) [s].
-      probability: Probability of the floor under each wheel, shape (w, n).
-      truth: 1 where the camera sees the contact on this floor, NaN where unknown, shape (w, n); None
-        without camera.
-      floor: Name of the floor.
+    Both have a row per window, shape (w, n), whose centres are the times, shape (w,) [s]. The truth is 1
+    where the camera sees the contact on this floor and NaN where unknown; None without camera.
     """
     n = probability.shape[1]
     drawing = new_drawing(_FLOOR_ROW * n, n)

@@ -63,10 +63,7 @@ def with_and_without(
 ) -> Drawing:
     """Plot excursions with recovery over those without, case by case; points below the line are improved.
 
-    Args:
-      scores: Scores of the cases.
-      of: Returns the excursion of a case with and without recovery; None leaves the case out.
-      words: Quantity and unit, for the label of the horizontal axis.
+    `of` returns the two, with recovery first, or None to leave the case out; `words` are quantity and unit.
     """
     without = f"{words}, without recovery"
     panel = Panel(MIDDLE, False, "with recovery", without, x_log=True, y_log=True)

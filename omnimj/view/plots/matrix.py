@@ -20,14 +20,9 @@ SHADES = Blues256[::-1]
 def matrix_panel(
     shares: Array, rows: Sequence[str], columns: Sequence[str], words: Sequence[str], names: Sequence[str]
 ) -> Panel:
-    """Draw a matrix; the caller finishes the panel.
+    """Draw a matrix of shades 0 … 1, shape (rows, columns), from the top down; the caller finishes the panel.
 
-    Args:
-      shares: Shade of each cell, 0 … 1, shape (rows, columns).
-      rows: Names of the rows from top to bottom.
-      columns: Names of the columns.
-      words: Text in each cell, row by row; empty for none.
-      names: Text below the cursor on each cell, row by row.
+    The text in each cell (`words`) and that below the cursor (`names`) go row by row.
     """
     panel = Panel(_AROUND + round(ROW * len(rows) + _LETTER * max(map(len, columns))), over_time=False)
     x, y = np.arange(-0.5, len(columns)), np.arange(-0.5, len(rows))

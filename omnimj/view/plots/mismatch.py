@@ -57,13 +57,7 @@ def _models(finding: Finding) -> list[tuple[str, str, str, Style]]:
 
 
 def dumbbells(labels: Sequence[str], before: Sequence[float], after: Sequence[float] | None) -> Panel:
-    """Draw RMS mismatches in multiples of the noise: in each named row a ring (before) and a dot (after).
-
-    Args:
-      labels: Names of the rows.
-      before: Mismatch of each row before [multiples of the noise].
-      after: The same after; None for rings only.
-    """
+    """Draw RMS mismatches in multiples of the noise: in each named row a ring (before) and a dot (after)."""
     known = [value for value in (*before, *(after or ())) if np.isfinite(value) and value > 0.0]
     smallest, largest = min([1.0, *known]), max(known, default=1.0)
     x_log = largest > 12.0 * max(smallest, 0.2)
@@ -100,15 +94,7 @@ def wrapped_label(words: str, unit: str) -> str:
 
 
 def with_gaps(time: Array, values: Array) -> tuple[Array, Array]:
-    """Insert NaN wherever the time jumps, so that a line over it has gaps there.
-
-    Args:
-      time: Times, shape (k,) [s].
-      values: Values, shape (k,).
-
-    Returns:
-      Times and values, shape (k + jumps,) each.
-    """
+    """Insert NaN where the time jumps, shape (k,) to (k + jumps,), so that a line has gaps there."""
     steps = np.diff(time)
     if len(steps) == 0:
         return time, values
@@ -299,11 +285,9 @@ def spectra(finding: Finding, channels: Sequence[int]) -> Drawing:
 
 
 def _density(parts: Sequence[Array], period: float) -> tuple[Array, Array]:
-    """Average the power density over runs by Welch's method; masked samples count as zero mismatch.
+    """Average the power density of mismatches, shapes (k,), at blocks `period` [s] apart, by Welch's method.
 
-    Args:
-      parts: Mismatch of each run, shapes (k,).
-      period: Interval between blocks [s].
+    Masked samples count as zero mismatch.
 
     Returns:
       Frequencies above zero [Hz] and amplitude density [unit/√Hz].

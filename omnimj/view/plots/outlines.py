@@ -1,4 +1,4 @@
-"""Glyphs of Bokeh as SVG paths, with few points: a line is as far from its samples as can hardly be seen."""
+"""Glyphs of Bokeh as SVG paths, with few points: omitted samples deviate invisibly little from the line."""
 
 from __future__ import annotations
 
@@ -79,14 +79,7 @@ def glyph_elements(renderer: Any, x: ToPixels, y: ToPixels) -> str:
 
 
 def sample(renderer: Any, x: float, y: float, length: float) -> str:
-    """Draw the sample of a glyph in a legend.
-
-    Args:
-      renderer: Glyph and its data.
-      x: Left end of the sample [pixels].
-      y: Height of its middle [pixels].
-      length: Length of the sample [pixels].
-    """
+    """Draw the sample of a glyph in a legend: left end at x, middle at the height y, a length [pixels]."""
     middle, look = x + 0.5 * length, _look(renderer, 0)
     if isinstance(renderer.glyph, Scatter):
         path = _marker(_one(_read(renderer, "marker"), 0), complex(middle, y), 7.0)
@@ -98,14 +91,7 @@ def sample(renderer: Any, x: float, y: float, length: float) -> str:
 
 
 def stroke(color: Any, width: float | None, dash: Any = (), alpha: float | None = 1.0) -> str:
-    """Return the SVG attributes of a line; empty if it is invisible.
-
-    Args:
-      color: Colour; None for no line.
-      width: Width [pixels].
-      dash: Lengths of strokes and gaps [pixels]; empty for a solid line.
-      alpha: Opacity.
-    """
+    """Return the SVG attributes of a line, width and dashes in pixels; empty if it is invisible."""
     if not color or not width or not alpha:
         return ""
     dashes = f' stroke-dasharray="{" ".join(map(str, dash))}"' if dash else ""

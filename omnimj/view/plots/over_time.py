@@ -15,14 +15,7 @@ _ROW = 15  # [pixels] of a label in a panel
 
 
 def finish(drawing: Drawing, time: Array, spans: Sequence[Span], labelled: bool = True) -> Drawing:
-    """Fit the panels to the times of a run and shade faults, labelled in the first panel.
-
-    Args:
-      drawing: Panels over time.
-      time: Times, shape (k,) [s].
-      spans: Faults to shade.
-      labelled: True to write the names of the faults into the first panel.
-    """
+    """Fit the panels to the times of a run, shape (k,) [s], and shade faults, labelled in the first panel."""
     for i, panel in enumerate(drawing.panels):
         is_last = i == len(drawing.panels) - 1
         panel.x_limits(float(time[0]), float(time[-1]) if len(time) > 1 else float(time[0]) + 1.0)
@@ -39,11 +32,7 @@ def finish(drawing: Drawing, time: Array, spans: Sequence[Span], labelled: bool 
 def shade_faults(panel: Panel, spans: Sequence[Span], time: Array, labelled: bool = True) -> None:
     """Shade intervals of active faults, labelled at the top; faults of one interval share a band.
 
-    Args:
-      panel: Panel over time.
-      spans: Faults to shade.
-      time: Times of the run, shape (k,) [s]; the first and the last keep the labels inside the plot.
-      labelled: True to write the names of the faults.
+    The first and the last time of the run, shape (k,) [s], keep the labels inside the plot.
     """
     for row, ((start, end), labels) in enumerate(_together(spans).items()):
         edge = {"line_color": palette.FAULT, "line_dash": [3, 3], "line_width": 0.9}

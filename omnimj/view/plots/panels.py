@@ -50,16 +50,7 @@ _LEFT = 62  # [pixels] for the value axis, alike in all panels, so that their ti
 
 @dataclass
 class Panel:
-    """Plot with axes.
-
-    Args:
-      height: Height [pixels].
-      over_time: True if the horizontal axis is the time of the run.
-      label: Label of the value axis: quantity and unit.
-      x_label: Label of the horizontal axis.
-      x_log: True for a logarithmic horizontal axis.
-      y_log: True for a logarithmic value axis.
-    """
+    """Plot with axes, of a height in pixels; `over_time` if the horizontal axis is the time of the run."""
 
     height: int
     over_time: bool = True
@@ -118,15 +109,8 @@ class Panel:
     ) -> GlyphRenderer:
         """Draw y over x, shape (k,) each, thinned to the smallest and largest sample of `BINS` bins.
 
-        Args:
-          x: Abscissae, increasing where the line is thinned.
-          y: Values; NaN leaves a gap.
-          color: Colour.
-          label: Entry of the legend, which switches the line; empty for none.
-          dash: Dash pattern.
-          width: Line width [pixels].
-          alpha: Opacity.
-          hovered: Values to show below the cursor, shape (k,); y when None, none when empty.
+        x increases where the line is thinned, and NaN in y leaves a gap. The label in the legend switches the
+        line. The cursor shows `hovered`, shape (k,): y when None, nothing when empty.
         """
         time, x, y = x, np.asarray(x, float), np.asarray(y, float)
         if self.over_time:
@@ -144,29 +128,13 @@ class Panel:
         return self._shows(label, drawn)
 
     def rippling(self, time: Array, value: Array, color: str, label: str = "", dash: Style = "-") -> None:
-        """Draw a rippling signal pale, and its mean over `thinning.window` in full colour.
-
-        Args:
-          time: Times, shape (k,) [s].
-          value: Values, shape (k,).
-          color: Colour of the mean; the signal is lighter.
-          label: Entry of the legend; empty for none.
-          dash: Dash pattern of the mean.
-        """
+        """Draw a rippling signal, shape (k,), pale, and its mean over `thinning.window` in full colour."""
         middle, mean = averaged(time, value)
         self.line(time, value, color=palette.lighter(color, 0.55), label=label, width=0.8, alpha=0.7)
         self.line(middle, mean, color=color, label=label, dash=dash, hovered=NOT_HOVERED)
 
     def band(self, x: Array, low: Array, high: Array, color: str, alpha: float) -> None:
-        """Fill the area between two curves.
-
-        Args:
-          x: Abscissae, shape (k,).
-          low: Values of the lower curve, shape (k,).
-          high: Values of the upper curve, shape (k,).
-          color: Colour.
-          alpha: Opacity.
-        """
+        """Fill the area between the curves `low` and `high` over x, shape (k,) each."""
         self.plot.varea(_numbers(x), _numbers(low), _numbers(high), fill_color=color, fill_alpha=alpha)
 
     def points(
@@ -180,17 +148,9 @@ class Panel:
         alpha: float = 1.0,
         names: Sequence[str] = (),
     ) -> GlyphRenderer:
-        """Draw markers.
+        """Draw markers at x, y, shape (k,) each or two numbers, in one colour or k colours.
 
-        Args:
-          x: Abscissae, shape (k,), or that of a single marker.
-          y: Values, shape (k,), or that of a single marker.
-          color: Colour of all markers, or a sequence of k colours.
-          label: Entry of the legend; empty for none.
-          marker: Shape of the markers, by its name in Bokeh.
-          size: Diameter [pixels].
-          alpha: Opacity.
-          names: Text below the cursor at each marker; empty for none.
+        The marker is a shape by its name in Bokeh, `size` its diameter [pixels]. The cursor shows `names`.
         """
         x, y = _numbers(np.atleast_1d(x)), _numbers(np.atleast_1d(y))
         source: Any = ColumnDataSource({"x": x, "y": y})
@@ -204,14 +164,7 @@ class Panel:
         return self._shows(label, drawn)
 
     def polygon(self, corners: Array, fill: str, label: str = "", **style: Any) -> None:
-        """Fill a polygon.
-
-        Args:
-          corners: Abscissae and ordinates of the corners, shape (k, 2).
-          fill: Colour of the area.
-          label: Entry of the legend; empty for none.
-          **style: Further properties of the glyph.
-        """
+        """Fill a polygon with the corners x, y, shape (k, 2)."""
         source = ColumnDataSource({"x": _numbers(corners[:, 0]), "y": _numbers(corners[:, 1])})
         options = {"x": "x", "y": "y", "fill_color": fill, "line_width": 0, **style}
         self._shows(label, self.plot.add_glyph(source, Patch(**options)))
@@ -226,16 +179,9 @@ class Panel:
         label: str = "",
         names: Sequence[str] = (),
     ) -> None:
-        """Draw horizontal bars.
+        """Draw horizontal bars from `left` to `right` around `middle`, shape (k,) each, in one colour or k.
 
-        Args:
-          left: Abscissae of the left ends, shape (k,).
-          right: Abscissae of the right ends, shape (k,).
-          middle: Places on the value axis, shape (k,).
-          thick: Thickness, in units of the value axis.
-          color: Colour of all bars, or a sequence of k colours.
-          label: Entry of the legend; empty for none.
-          names: Text below the cursor at each bar; empty for none.
+        `thick` is in units of the value axis, and `names` are texts below the cursor.
         """
         source: Any = ColumnDataSource({"left": list(left), "right": list(right), "middle": list(middle)})
         if not isinstance(color, str):
@@ -248,13 +194,9 @@ class Panel:
         self._shows(label, drawn)
 
     def cells(self, x: Array, y: Array, colors: Sequence[str], names: Sequence[str]) -> None:
-        """Draw a grid of coloured cells.
+        """Draw cells between m + 1 borders x and n + 1 borders y; colours and names go row by row.
 
-        Args:
-          x: Borders of the columns, shape (m + 1,).
-          y: Borders of the rows, shape (n + 1,).
-          colors: Colours, row by row.
-          names: Texts below the cursor, row by row.
+        The names show below the cursor.
         """
         (left, low), (right, high) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
         sides = {"left": left, "right": right, "top": high, "bottom": low}
@@ -271,10 +213,7 @@ class Panel:
     ) -> None:
         """Show values below the cursor, or at its abscissa with `vline`.
 
-        Args:
-          drawn: What has the values.
-          tips: Name and value each; `@column` of the data, `$name` of the renderer, `$snap_x` and `$snap_y`.
-          mode: Where the cursor must be: on what is drawn, or above or below it.
+        A tip is a name and a value: `@column` of the data, `$name` of the renderer, `$snap_x` or `$snap_y`.
         """
         options: dict[str, Any] = {"mode": mode, "point_policy": "follow_mouse"}
         self.plot.add_tools(HoverTool(renderers=list(drawn), tooltips=list(tips), **options))
@@ -299,12 +238,7 @@ class Panel:
         self.plot.x_range = Range1d(start=float(low), end=float(high))
 
     def contains(self, low: Array, high: Array) -> None:
-        """Make the axes cover at least the rectangle between two corners.
-
-        Args:
-          low: Smallest abscissa and ordinate, shape (2,).
-          high: Largest abscissa and ordinate, shape (2,).
-        """
+        """Make the axes cover at least the rectangle between two corners x, y, shape (2,)."""
         corners = ColumnDataSource({"x": [low[0], high[0]], "y": [low[1], high[1]]})
         self.plot.scatter("x", "y", source=corners, alpha=0.0)
 
@@ -403,13 +337,9 @@ class Drawing:
 
 
 def new_drawing(height: int, rows: int = 1, shared: bool = False, bins: int = BINS) -> Drawing:
-    """Make empty panels of equal height over the time of a run.
+    """Make empty panels over the time of a run, of equal height, together `height` [pixels].
 
-    Args:
-      height: Height of all together [pixels].
-      rows: Number of panels.
-      shared: True if they share their value axis.
-      bins: Most bins of a line.
+    They share their value axis if `shared`, and a line has at most `bins` bins.
     """
     each = (height - BELOW) // rows
     heights = [each + (BELOW if row == rows - 1 else 0) for row in range(rows)]

@@ -155,14 +155,7 @@ def map_from_above() -> Drawing:
 
 
 def draw_path(panel: Panel, x: Array, y: Array, **style: Any) -> None:
-    """Draw a path with fewer than 6000 points, a longer one thinned.
-
-    Args:
-      panel: Map from above.
-      x: Positions, shape (k,) [m].
-      y: Positions, shape (k,) [m].
-      **style: As in `Panel.line`.
-    """
+    """Draw a path, shape (k,) [m] each, as by `Panel.line`; one with 6000 points or more is thinned."""
     step = max(1, len(x) // 3000)
     panel.line(x[::step], y[::step], **style)
 
@@ -199,11 +192,7 @@ def _outline(panel: Panel, robot: Robot, trace: Trace, row: int, width: float) -
 
 
 def equal_with_room(panel: Panel, points: Array) -> float:
-    """Set equal scales around points, with room for the robot.
-
-    Args:
-      panel: Map from above.
-      points: Points x, y, shape (k, 2) [m]; NaN is ignored.
+    """Set equal scales around points, shape (k, 2) [m], NaN ignored, with room for the robot.
 
     Returns:
       Width that is shown [m].
@@ -229,12 +218,8 @@ def _heading_arrows(panel: Panel, trace: Trace, length: float) -> None:
 def rig_plots(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> dict[str, Drawing]:
     """Plot the signals of a rig over time, one drawing by name for each quantity that the run has.
 
-    Slip velocity V_r = r·φ̇ − V is that of the two encoders and, if recorded, the true one.
-
-    Args:
-      trace: The run.
-      wheel_radius: Radius r of the wheel [m].
-      spans: Faults to shade.
+    Slip velocity V_r = r·φ̇ − V, with the wheel's radius r [m], is that of the two encoders and, if recorded,
+    the true one.
     """
     rim, carriage = wheel_radius * trace["wheel_speed"], trace["carriage_speed"]
     plots: dict[str, tuple[str, list[_Line]]] = {

@@ -79,12 +79,7 @@ class _Frame(NamedTuple):
 
 
 def svg(drawing: Drawing, label: str = "", width: int = WIDTH) -> str:
-    """Draw a picture of a drawing, to be a part of a page.
-
-    Args:
-      drawing: Finished panels.
-      label: Description for screen readers.
-      width: Width of the picture [pixels].
+    """Draw a picture of a drawing, to be a part of a page; its width is in pixels.
 
     Returns:
       SVG element without ids, so that several are in one page without conflict.

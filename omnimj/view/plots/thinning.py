@@ -12,15 +12,10 @@ _AVERAGES, _WINDOW = 210, 0.05  # most points of a mean line; window [s], longer
 
 
 def envelope(time: Array, value: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Thin a signal to the smallest and largest sample of each bin, which keeps every peak.
+    """Thin a signal, shape (k,), to the smallest and largest sample of each bin, which keeps every peak.
 
     The two samples stand in their order at the beginning and in the middle of their bin, so that all signals
-    of equal times share their abscissae.
-
-    Args:
-      time: Times, shape (k,) [s].
-      value: Signal, shape (k,); a bin of NaN stays NaN.
-      bins: Number of bins.
+    of equal times share their abscissae. A bin of NaN stays NaN.
 
     Returns:
       Times and values, shape (2 bins + 1,) each; the signal itself if it is not longer.
@@ -44,11 +39,7 @@ def envelope(time: Array, value: Array, bins: int = BINS) -> tuple[Array, Array]
 
 
 def averaged(time: Array, value: Array) -> tuple[Array, Array]:
-    """Average a rippling signal over `window(time)`.
-
-    Args:
-      time: Times, shape (k,) [s].
-      value: Signal, shape (k,).
+    """Average a rippling signal, shape (k,), over `window(time)`.
 
     Returns:
       Time and mean, shape (bins,) each; the samples themselves if they are few.
@@ -62,23 +53,11 @@ def averaged(time: Array, value: Array) -> tuple[Array, Array]:
 
 
 def window(time: Array) -> float:
-    """Return the averaging window of `averaged` [s].
-
-    Args:
-      time: Times, shape (k,) [s].
-    """
+    """Return the averaging window of `averaged` for times of shape (k,) [s]."""
     return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
 
 
 def log_beyond(value: Array, linear: float) -> Array:
-    """Compress values beyond ± `linear` logarithmically: one unit up to there, then one per decade.
-
-    Args:
-      value: Values of any shape.
-      linear: Magnitude up to which the scale is linear, in the unit of the values.
-
-    Returns:
-      Places on the axis, in the shape of the values.
-    """
+    """Compress values beyond ± `linear` logarithmically: one unit up to there, then one per decade."""
     size = np.abs(value) / linear
     return np.sign(value) * np.where(size <= 1.0, size, 1.0 + np.log10(np.maximum(size, 1.0)))

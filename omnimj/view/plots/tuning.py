@@ -142,8 +142,7 @@ def speed_and_robustness(one: ScoredCandidate) -> tuple[float, float]:
 def front_of(points: np.ndarray) -> np.ndarray:
     """Return the indices of the Pareto-optimal points, shape (m,), by increasing robustness.
 
-    Args:
-      points: Speed term (small: fast) and robustness of each candidate, shape (n, 2).
+    A point is the speed term (small: fast) and the robustness of a candidate, shape (n, 2).
     """
     order = np.lexsort((points[:, 0], -points[:, 1]))
     front, best = [], np.inf

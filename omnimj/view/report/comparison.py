@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from omnimj.recording.run_folder import RunFolder
 from omnimj.signals import Trace
@@ -14,7 +15,7 @@ from omnimj.view import wording
 from omnimj.view.comparison import checks_passed, compare_runs, first_alarm
 from omnimj.view.motion import wheel_count
 from omnimj.view.plots.comparison import LineStyle, courses, paths, run_styles, signals
-from omnimj.view.report.page import Cell, Figure, Table, check_state, plot, table, write_page
+from omnimj.view.report.page import Cell, Figure, Table, check_state, table, write_page
 
 MOST_RUNS = 8
 """Most runs on a page, whose lines a reader can distinguish."""
@@ -62,7 +63,7 @@ def _figures(traces: Mapping[str, Trace]) -> list[Figure]:
     if rigs:
         columns = [one for one in _RIG_COLUMNS if any(one[0] in trace for trace in rigs.values())]
         words = "Signals of the rig; slip velocity V_r = r·φ̇ − V where it is known."
-        figures.append(plot(signals(rigs, columns, styles), "rig", "Wheel and carriage", words))
+        figures.append(Figure(signals(rigs, columns, styles), "rig", "Wheel and carriage", words))
     return figures
 
 
@@ -72,10 +73,10 @@ def _robot_figures(traces: Mapping[str, Trace], styles: Mapping[str, LineStyle])
     placed = {name: trace for name, trace in traces.items() if "x" in trace}
     if steered:
         words = "Distance from the plan, and speed."
-        figures.append(plot(courses(steered, (), styles), "courses", "Courses", words))
+        figures.append(Figure(courses(steered, (), styles), "courses", "Courses", words))
     if placed:
         words = "From above; squares: the end of each run. The plan is that of the first run."
-        figures.append(plot(paths(placed, (), styles), "paths", "Paths", words))
+        figures.append(Figure(paths(placed, (), styles), "paths", "Paths", words))
     for quantity, heading, unit in (
         ("wheel_speed", "Wheel speeds", "rad/s"),
         ("current", "Currents", "A"),
@@ -89,21 +90,8 @@ def _robot_figures(traces: Mapping[str, Trace], styles: Mapping[str, LineStyle])
         ]
         if columns:
             words = "Each wheel in a panel of its own."
-            figures.append(plot(signals(traces, columns, styles), quantity, heading, words))
+            figures.append(Figure(signals(traces, columns, styles), quantity, heading, words))
     return figures
-
-
-@dataclass(frozen=True)
-class IndexRow:
-    """Row of an index of runs."""
-
-    name: str
-    link: str
-    """Report of the run, relative to the index; empty without one."""
-    state: Any
-    """Cell with the verdict."""
-    texts: tuple[str, ...]
-    """Setup and results."""
 
 
 INDEX_HEAD = (
@@ -117,7 +105,7 @@ INDEX_HEAD = (
     "false alarms",
     "off the path",
 )
-"""Headings of `index_rows` after name and verdict."""
+"""Headings of the index after name and verdict."""
 
 
 def index_texts(metrics: Mapping[str, Any]) -> tuple[str, ...]:
@@ -140,20 +128,21 @@ def index_texts(metrics: Mapping[str, Any]) -> tuple[str, ...]:
 
 def write_index(path: Path, folder: Path, runs: Sequence[RunFolder]) -> None:
     """Write the index of a folder of runs: a row per run, linked to its report."""
-    rows = []
+    names, rows, failed = [], [], 0
     for run in runs:
         report = run.path / "report.html"
-        link = Path(os.path.relpath(report, path.parent)).as_posix() if report.is_file() else ""
+        link = quote(Path(os.path.relpath(report, path.parent)).as_posix()) if report.is_file() else ""
         ended = bool(run.metrics.get("interrupted"))
         state = check_state(bool(run.metrics.get("passed")) and not ended, bool(run.metrics.get("checks")))
-        rows.append(IndexRow(run.path.relative_to(folder).as_posix(), link, state, index_texts(run.metrics)))
-    failed = sum(row.state.kind == "state bad" for row in rows)
+        failed += state.kind == "state bad"
+        names.append(run.path.relative_to(folder).as_posix())
+        rows.append((Cell(names[-1], link=link), state, *index_texts(run.metrics)))
+    found = table(rows, ("run", "", *INDEX_HEAD))
     write_page(
         path,
         "index",
         f"Runs in {folder.name} · omnimj",
         folder=folder.name,
-        rows=rows,
-        head=INDEX_HEAD,
+        runs=dataclasses.replace(found, keys=names),
         failed=failed,
     )

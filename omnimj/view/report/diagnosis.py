@@ -31,9 +31,7 @@ from omnimj.view.report.page import (
     Figure,
     RunSection,
     Table,
-    make_section,
     number,
-    plot,
     run_key,
     run_table,
     table,
@@ -62,7 +60,7 @@ def run_section(run: RunDiagnosis, method: str, method_names: Sequence[str], bin
         )
     figures = _figures(run, families(method_names, method), bins) if bins and method_names else []
     found = diagnoses_table(run.diagnoses, "stacked")
-    return make_section(run.name, figures, "", [*lines, *run.notes], found, bool(run.diagnoses))
+    return RunSection(run.name, figures, "", [*lines, *run.notes], found, bool(run.diagnoses))
 
 
 def diagnoses_table(diagnoses: Sequence[Diagnosis], kind: str = "") -> Table | None:
@@ -85,11 +83,11 @@ def _figures(run: RunDiagnosis, shown: Sequence[Family], bins: int) -> list[Figu
     shaded = " Shaded: a diagnosis holds." if spans else ""
     words = f"Dotted: the threshold, where there is one.{shaded}{_elsewhere(run)}"
     drawing = plots.residual_families(run.trace, shown, spans, bins)
-    figures = [plot(drawing, f"r-{key}", "Residuals", words)]
+    figures = [Figure(drawing, f"r-{key}", "Residuals", words)]
     if "effectiveness_1" in run.trace:
         words = f"Estimated effectiveness of each wheel's drive.{shaded}"
         drawing = plots.effectiveness(run.trace, spans, bins)
-        figures.append(plot(drawing, f"e-{key}", "Effectiveness", words))
+        figures.append(Figure(drawing, f"e-{key}", "Effectiveness", words))
     return figures
 
 

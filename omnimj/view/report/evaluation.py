@@ -18,9 +18,7 @@ from omnimj.view.report.page import (
     Figure,
     RunSection,
     Table,
-    make_section,
     number,
-    plot,
     run_key,
     run_table,
     table,
@@ -52,14 +50,9 @@ def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
 def write_tables_report(
     path: Path, heading: str, lines: Sequence[str], tables: Sequence[TextTable], files: str
 ) -> None:
-    """Write the report of the gap benchmark or of the scoreboard, without empty tables.
+    """Write the report of the gap benchmark or of the scoreboard: paragraphs, then tables that are not empty.
 
-    Args:
-      path: HTML file to write.
-      heading: Title of the page.
-      lines: Paragraphs above the tables.
-      tables: Tables of the study.
-      files: Names of the files with all numbers.
+    `files` names the files with all numbers.
     """
     write_page(
         path,
@@ -89,13 +82,13 @@ def evaluation_figures(result: EvaluationResult) -> list[list[Figure]]:
         return []
     words = "rows: truth; shades: share of its cases; numbers: cases; green boxes: correct diagnoses"
     drawing = confusion_picture(result.summary.confusion)
-    rows = [[plot(drawing, "confusion", "Confusion matrix", words, "broad")]]
+    rows = [[Figure(drawing, "confusion", "Confusion matrix", words, "broad")]]
     faulty = [score for score in result.scores if score.fault != NONE]
     if any(score.was_in_use for score in faulty):
         words = "share of cases with an alarm within that time"
         rows.append(
             [
-                plot(delay_curves(faulty, in_use), f"delay-{in_use:d}", f"Delay since {since}", words)
+                Figure(delay_curves(faulty, in_use), f"delay-{in_use:d}", f"Delay since {since}", words)
                 for in_use, since in ((False, "onset"), (True, "first use"))
             ]
         )
@@ -103,7 +96,7 @@ def evaluation_figures(result: EvaluationResult) -> list[list[Figure]]:
         words = "below the dashed line recovery helps"
         rows.append(
             [
-                plot(
+                Figure(
                     with_and_without(faulty, excursion, f"{name} excursion [{unit}]"),
                     name,
                     f"{name.capitalize()} excursion",
@@ -162,7 +155,7 @@ def _section(score: CaseScore, events: CaseEvents, suite: str) -> RunSection:
     found = "" if score.isolated or score.diagnosed == NONE else f", diagnosed {_words(score.diagnosed)}"
     note = f"{outcome_of(score)}: {_truth(score)}{found}"
     facts = _facts(score, events, suite)
-    return make_section(score.name, [_figure(score, events)], note, found=facts)
+    return RunSection(score.name, [_figure(score, events)], note, table=facts)
 
 
 def _figure(score: CaseScore, events: CaseEvents) -> Figure:
@@ -171,7 +164,7 @@ def _figure(score: CaseScore, events: CaseEvents) -> Figure:
     diagnosed = wording.diagnosis_spans(metrics, events.duration)
     name = run_key(score.name).replace("run-", "events-", 1)
     words = "Shaded: a fault is present." if truth else "There is no fault."
-    return plot(event_lanes(events.duration, truth, diagnosed), name, "Truth and diagnosis", words)
+    return Figure(event_lanes(events.duration, truth, diagnosed), name, "Truth and diagnosis", words)
 
 
 def _facts(score: CaseScore, events: CaseEvents, suite: str) -> Table:

@@ -18,11 +18,10 @@ from omnimj.view.plots.diagnosis import floor_probabilities
 from omnimj.view.report.page import (
     MOST_FIGURES,
     Cell,
+    Figure,
     RunSection,
     Table,
-    make_section,
     number,
-    plot,
     run_key,
     run_table,
     table,
@@ -105,8 +104,8 @@ def _section(found: LabelledDataset, run: LabelledRun, is_drawn: bool) -> RunSec
         if run.distance is not None:
             words += f" Broad: by the camera, but for ± {1000.0 * BAND:.0f} mm about the line."
         key = run_key(run.name).removeprefix("run-")
-        figures.append(plot(drawing, f"f-{key}", "Floors", words))
-    return make_section(run.name, figures, describe_crossings(run, found.floors))
+        figures.append(Figure(drawing, f"f-{key}", "Floors", words))
+    return RunSection(run.name, figures, describe_crossings(run, found.floors))
 
 
 def _truth(run: LabelledRun) -> Array | None:

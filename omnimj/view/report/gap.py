@@ -38,9 +38,7 @@ from omnimj.view.report.page import (
     Figure,
     RunSection,
     Table,
-    make_section,
     number,
-    plot,
     run_key,
     table,
     write_page,
@@ -164,7 +162,7 @@ def location_figures(finding: Finding, runs: Sequence[RunGap]) -> list[Figure]:
             "The runs with the largest mismatch over all channels, rings before, dots after. A run at 1 is "
             "explained as well as its noise allows."
         )
-        figures.append(plot(plots.by_run(runs), "runs", "Run by run", caption))
+        figures.append(Figure(plots.by_run(runs), "runs", "Run by run", caption))
     return figures
 
 
@@ -175,7 +173,7 @@ def _regime_figure(finding: Finding, k: int, variable: str, place: MismatchRegim
         f"lines are averages. The mismatch of a complete model scatters about zero everywhere.{shaded}"
     )
     drawing = plots.against_regime(finding, variable, place)
-    return plot(drawing, f"regime-{k}", f"Mismatch over {sentences.variable_words(variable)}", caption)
+    return Figure(drawing, f"regime-{k}", f"Mismatch over {sentences.variable_words(variable)}", caption)
 
 
 def traction_figures(finding: Finding) -> list[Figure]:
@@ -185,7 +183,7 @@ def traction_figures(finding: Finding) -> list[Figure]:
         "Dashed: the model before, refitted; solid: with the named effects, both at the same rolling speeds."
     )
     return [
-        plot(over_slip(curves), f"traction-{k}", f"Traction over slip on {curves.floor}", caption)
+        Figure(over_slip(curves), f"traction-{k}", f"Traction over slip on {curves.floor}", caption)
         for k, curves in enumerate(finding.traction)
     ]
 
@@ -199,7 +197,7 @@ def _free_curves(finding: Finding) -> tuple[Figure, Table] | None:
         "look at the longest bar."
     )
     heading = "What a free curve would explain"
-    figure = plot(candidate_plots.free_curves(finding), "free", heading, caption)
+    figure = Figure(candidate_plots.free_curves(finding), "free", heading, caption)
     rows = [
         (sentences.variable_words(name), number(format_percent(share)))
         for name, share in sorted(finding.flexible.items(), key=lambda item: -item[1])
@@ -215,7 +213,7 @@ def rounds(finding: Finding) -> tuple[list[Figure], list[tuple[str, Table]]]:
         if _leader(stage) is not None:
             heading = f"Round {k + 1}: the candidates" if many else "The candidates"
             drawing = candidate_plots.candidate_gains(stage)
-            figures.append(plot(drawing, f"ladder-{k}", heading, _round_caption(finding, k)))
+            figures.append(Figure(drawing, f"ladder-{k}", heading, _round_caption(finding, k)))
         summary = f"{f'Round {k + 1}, all' if many else 'All'} {len(stage.candidates)} candidates, as a table"
         all_candidates.append((summary, tables.candidate_gains(stage)))
     return figures, all_candidates
@@ -241,7 +239,7 @@ def _refitted_figures(finding: Finding) -> list[Figure]:
         return []
     caption = "A box is the stated uncertainty of one parameter; a mark at its edge calls for a second look."
     heading = "Refitted values in their uncertainty boxes"
-    return [plot(candidate_plots.refitted_parameters(finding.refitted), "boxes", heading, caption)]
+    return [Figure(candidate_plots.refitted_parameters(finding.refitted), "boxes", heading, caption)]
 
 
 def _certainty(finding: Finding) -> list[str]:
@@ -296,7 +294,7 @@ def _decoy_figures(finding: Finding) -> list[Figure]:
             name = "chance alone" if leader is None else f"{leader.label} against chance"
             many = len(finding.stages) > 1
             heading = f"Round {k + 1}: {name}" if many else sentences.as_sentence(name).rstrip(".")
-            figures.append(plot(candidate_plots.decoy_gains(stage), f"decoys-{k}", heading, caption))
+            figures.append(Figure(candidate_plots.decoy_gains(stage), f"decoys-{k}", heading, caption))
     return figures
 
 
@@ -307,7 +305,7 @@ def size_figures(finding: Finding) -> list[Figure]:
         caption = "Held-out runs: every channel, then the regimes of the gap by their numbers above."
         if not has_second_model(finding):
             caption = "Held-out runs: mismatch of every channel relative to the noise."
-        figures.append(plot(plots.shrinkage(finding), "shrinkage", "Channel by channel", caption))
+        figures.append(Figure(plots.shrinkage(finding), "shrinkage", "Channel by channel", caption))
     if plots.has_spectra(finding):
         used = [o for o in finding.overlays if o.heldout] or list(finding.overlays)
         channels = plots.largest_mismatch_channels(finding, used, _SPECTRA)
@@ -316,7 +314,7 @@ def size_figures(finding: Finding) -> list[Figure]:
             "frequencies can be physics; mismatch on the dotted line is noise."
         )
         drawing = plots.spectra(finding, channels)
-        figures.append(plot(drawing, "spectra", "Spectra of the mismatch", caption))
+        figures.append(Figure(drawing, "spectra", "Spectra of the mismatch", caption))
     return figures
 
 
@@ -335,9 +333,9 @@ def _run_sections(finding: Finding, runs: Sequence[RunGap]) -> list[RunSection]:
         kind = f", {kinds[gap.run]}" if gap.run in kinds else ""
         note = f"{tables.describe_use(gap)}{kind}: {size}"
         name = run_key(gap.run).replace("run-", "overlay-", 1)
-        figure = plot(plots.overlay(finding, windows[gap.run]), name, "Measured and simulated", caption)
+        figure = Figure(plots.overlay(finding, windows[gap.run]), name, "Measured and simulated", caption)
         lines = [tables.format_conditions(gap.conditions)] if gap.conditions else []
-        sections.append(make_section(gap.run, [figure], note, lines))
+        sections.append(RunSection(gap.run, [figure], note, lines))
     return sections
 
 

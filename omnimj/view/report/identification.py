@@ -7,7 +7,7 @@ from pathlib import Path
 
 from omnimj.estimate.identification.records import Estimate, Identification, IdentifiedFloor
 from omnimj.view.plots import identification as plots
-from omnimj.view.report.page import Cell, Figure, Table, plot, table, write_page
+from omnimj.view.report.page import Cell, Figure, Table, table, write_page
 from omnimj.view.wording import number
 
 _PARAMETERS = {
@@ -120,6 +120,6 @@ def _facts(floor: IdentifiedFloor) -> Table:
 def floor_figures(floor: IdentifiedFloor) -> list[Figure]:
     """Plot the curves and the residuals of a floor."""
     return [
-        plot(draw(floor), f"{floor.floor}-{key}", heading, caption)
+        Figure(draw(floor), f"{floor.floor}-{key}", heading, caption)
         for key, heading, caption, draw in _FIGURES
     ]

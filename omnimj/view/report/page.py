@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import itertools
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -56,7 +55,7 @@ class Cell:
     bar: int | None = None
     """Length of a bar below the text [%]; None for no bar."""
     link: str = ""
-    """Anchor that the text links to; empty for none."""
+    """Address that the text links to, such as `#anchor`; empty for none."""
     find: str = ""
     """Words that the text puts into the page's search field; empty for none."""
 
@@ -95,11 +94,8 @@ def table(
 ) -> Table:
     """Make a table; one with many columns or long texts is stacked on a narrow page.
 
-    Args:
-      rows: Cells or texts, row by row.
-      head: Column headings; if empty, the first cell of each row is its heading.
-      kind: CSS class other than `stacked`.
-      row_headings: True if the first cell of each row is its heading in addition to column headings.
+    The first cell of each row is its heading if there are no column headings, or in addition to them if
+    `row_headings`. `kind` is a CSS class other than `stacked`.
     """
     cells = [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in rows]
     has_sentence = any(len(f"{c.title}{c.text}{c.note}") > _SENTENCE for row in cells for c in row)
@@ -113,37 +109,21 @@ class Figure:
     """Plot or picture with heading and caption."""
 
     content: Markup | Drawing
+    name: str
+    """Anchor of the figure, unique within the page; empty for a picture."""
     heading: str
     caption: str
     kind: str = ""
     """CSS class: `picture`, `broad` for a plot as wide as the page, or empty."""
-    name: str = ""
-    """Anchor of the figure, unique within the page."""
     label: str = ""
-    """Description for screen readers."""
-    group: str = ""
-    """Figures of a group are loaded when its part of the page is opened; empty: with the page."""
-
-
-def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
-    """Embed a plot.
-
-    Args:
-      drawing: The plot.
-      name: Anchor, unique within the page.
-      heading: Heading above the plot.
-      caption: Explanation below the plot.
-      kind: As in `Figure`.
-      label: Description for screen readers; if empty, the heading.
-    """
-    return Figure(drawing, heading, caption, kind, name, label or heading)
+    """Description for screen readers; the heading if empty."""
 
 
 def picture(file: Path, label: str, heading: str, caption: str) -> Figure:
     """Embed an image file, described by `label` for screen readers."""
     content = base64.b64encode(file.read_bytes()).decode("ascii")
     source = f"data:{_MEDIA_TYPES[file.suffix.lower()]};base64,{content}"
-    return Figure(Markup("<img src='{}' alt='{}'>").format(source, label), heading, caption, "picture")
+    return Figure(Markup("<img src='{}' alt='{}'>").format(source, label), "", heading, caption, "picture")
 
 
 def command_line(command: str) -> Markup:
@@ -153,29 +133,20 @@ def command_line(command: str) -> Markup:
 
 
 def write_page(path: Path, template: str, title: str, **content: Any) -> None:
-    """Render a report from a template and write it, in full or not at all.
-
-    Args:
-      path: HTML file to write.
-      template: Name of the template without its ending.
-      title: Title of the page.
-      **content: Texts, tables and figures for the template.
+    """Render a report from a template, named without its ending, and write it, in full or not at all.
 
     Raises:
       OutputError: The file cannot be written.
     """
     page = _TEMPLATES.get_template(f"{template}.html.j2")
-    figures = [figure for figure in _figures(content) if figure.name]
-    contents = [(figure.name, figure.heading) for figure in figures]
+    grouped = [(group, figure) for group, figure in _figures(content) if figure.name]
+    contents = [(figure.name, figure.heading) for _, figure in grouped]
     drawn: dict[str, dict[str, Drawing]] = {}
-    for figure in figures:
-        if isinstance(figure.content, Drawing):
-            drawn.setdefault(figure.group, {})[figure.name] = figure.content
-    still = {
-        figure.name: Markup(svg(drawing, width=_BROAD if figure.kind == "broad" else WIDTH))
-        for figure in figures
-        if isinstance(drawing := figure.content, Drawing)
-    }
+    still = {}
+    for group, figure in grouped:
+        if isinstance(drawing := figure.content, Drawing):
+            drawn.setdefault(group, {})[figure.name] = drawing
+            still[figure.name] = Markup(svg(drawing, width=_BROAD if figure.kind == "broad" else WIDTH))
     documents = {group: embed(drawings) for group, drawings in drawn.items()}
     groups = {group: packed(script) for group, (script, _) in documents.items() if group}
     scripts = [library(), *(script for group, (script, _) in documents.items() if not group)] if drawn else []
@@ -190,16 +161,20 @@ def render_part(template: str, **content: Any) -> str:
     return _TEMPLATES.get_template(f"{template}.html.j2").render(**content)
 
 
-def _figures(content: Any) -> Iterator[Figure]:
-    """Find the figures in the content of a page."""
+def _figures(content: Any, group: str = "") -> Iterator[tuple[str, Figure]]:
+    """Find the figures in the content of a page, each with the anchor of its part about one run, or empty."""
     if isinstance(content, Figure):
-        yield content
-    elif isinstance(content, Mapping):
-        yield from itertools.chain.from_iterable(map(_figures, content.values()))
+        yield group, content
+        return
+    group = content.key if isinstance(content, RunSection) else group
+    if isinstance(content, Mapping):
+        below = list(content.values())
     elif isinstance(content, list | tuple):
-        yield from itertools.chain.from_iterable(map(_figures, content))
-    elif is_dataclass(content):
-        yield from itertools.chain.from_iterable(_figures(getattr(content, f.name)) for f in fields(content))
+        below = content
+    else:
+        below = [getattr(content, f.name) for f in fields(content)] if is_dataclass(content) else ()
+    for part in below:
+        yield from _figures(part, group)
 
 
 _TEMPLATES.filters["command_line"] = command_line
@@ -207,46 +182,27 @@ _TEMPLATES.filters["command_line"] = command_line
 
 @dataclass(frozen=True)
 class RunSection:
-    """Part of the page about one run."""
+    """Part of the page about one run, whose plots are loaded when it is opened."""
 
     name: str
-    key: str
-    """Anchor of the section."""
-    note: str
-    """Words beside the name, readable while the section is closed."""
-    is_open: bool
-    """True if the section is open from the beginning."""
-    lines: Sequence[str]
-    table: Table | None
+    """Name of the run, unique within the page."""
     figures: Sequence[Figure]
+    note: str = ""
+    """Words beside the name, readable while the section is closed."""
+    lines: Sequence[str] = ()
+    table: Table | None = None
+    is_open: bool = False
+    """True if the section is open from the beginning; the first of a page always is."""
+
+    @property
+    def key(self) -> str:
+        """Anchor of the section."""
+        return run_key(self.name)
 
 
 def run_key(name: str) -> str:
     """Return the anchor of the section of a run."""
     return "run-" + "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in name)
-
-
-def make_section(
-    name: str,
-    figures: Sequence[Figure],
-    note: str = "",
-    lines: Sequence[str] = (),
-    found: Table | None = None,
-    is_open: bool = False,
-) -> RunSection:
-    """Make the part of the page about one run, whose plots are loaded when it is opened.
-
-    Args:
-      name: Name of the run, unique within the page.
-      figures: Plots of the run.
-      note: Words beside the name.
-      lines: Paragraphs.
-      found: Table above them.
-      is_open: True to open the section from the beginning; the first section of a page is always open.
-    """
-    key = run_key(name)
-    grouped = [dataclasses.replace(figure, group=key) for figure in figures]
-    return RunSection(name, key, note, is_open, lines, found, grouped)
 
 
 def run_table(
@@ -256,15 +212,12 @@ def run_table(
 ) -> Table:
     """Make a table of runs, whose rows are found by the search field.
 
-    Args:
-      rows: Name of a run, which links to its section if there is one, and the other cells of the row.
-      head: Column headings.
-      sections: Sections of the page.
+    A row is the name of a run, which links to its section if there is one, and its other cells.
     """
     linked = {section.key for section in sections}
     keys = [run_key(name) for name, _ in rows]
     cells = [
-        (Cell(name, link=key if key in linked else ""), *others)
+        (Cell(name, link=f"#{key}" if key in linked else ""), *others)
         for key, (name, others) in zip(keys, rows, strict=True)
     ]
     return dataclasses.replace(table(cells, head), keys=keys)

@@ -19,7 +19,7 @@ from omnimj.view.plots import comparison as comparison_plots
 from omnimj.view.plots import runs as plots
 from omnimj.view.plots.thinning import window
 from omnimj.view.report import page
-from omnimj.view.report.page import Figure, Table, check_state, number, plot, table
+from omnimj.view.report.page import Figure, Table, check_state, number, table
 from omnimj.view.report.run_diagnosis import diagnosis_section
 from omnimj.view.wording import Span, describe_layout, recovery_periods
 
@@ -34,16 +34,9 @@ def write_report(
     picture: Picture | None = None,
     others: Mapping[str, Trace] | None = None,
 ) -> None:
-    """Write the report of a run.
+    """Write the report of a run from its signals and the content of `metrics.json`.
 
-    Args:
-      path: HTML file to write.
-      trace: Signals of the run.
-      scenario: Scenario of the run.
-      metrics: Content of `metrics.json`.
-      picture: Picture of the machine; None for a run without poses.
-      others: Traces of the same scenario with other methods, by method; their metrics are in
-        `metrics["compared"]`.
+    `others` are traces of the same scenario by method, whose metrics are in `metrics["compared"]`.
     """
     spans = wording.fault_spans(metrics, float(trace["time"][-1]))
     is_diagnosed = wording.is_diagnosed(metrics)
@@ -206,11 +199,11 @@ def _comparison_figures(
     figures = []
     if "heading" in trace or "yaw" in trace:
         words = f"Distance from the plan, and speed.{shaded}"
-        figures.append(plot(comparison_plots.courses(traces, spans), "compared-courses", "Courses", words))
+        figures.append(Figure(comparison_plots.courses(traces, spans), "compared-courses", "Courses", words))
     if "x" in trace:
         words = "From above; squares: the end of each run."
         drawing = comparison_plots.paths(traces, scenario.patches)
-        figures.append(plot(drawing, "compared-paths", "Paths", words))
+        figures.append(Figure(drawing, "compared-paths", "Paths", words))
     return figures
 
 
@@ -227,16 +220,18 @@ def _robot_figures(robot: Robot, trace: Trace, patches: Sequence[Any], spans: Se
     figures = []
     if "x" in trace:
         words = "From above; arrows show the direction of the robot's x axis."
-        figures.append(plot(plots.path(trace, patches, spans, robot), "path", "Path", words))
+        figures.append(Figure(plots.path(trace, patches, spans, robot), "path", "Path", words))
     if "heading" in trace or "yaw" in trace:
         words = "Driven and planned; distance from the planned position at each instant." + shaded
-        figures.append(plot(plots.deviation(trace, spans), "heading", "Heading and position", words))
+        figures.append(Figure(plots.deviation(trace, spans), "heading", "Heading and position", words))
     if "wheel_speed_1" in trace:
         words = "Measured after the gear, and the controller's targets." if has_currents else "Commanded."
-        figures.append(plot(plots.wheel_speeds(trace, spans), "wheel-speeds", "Wheel speeds", words + shaded))
+        figures.append(
+            Figure(plots.wheel_speeds(trace, spans), "wheel-speeds", "Wheel speeds", words + shaded)
+        )
     if has_currents:
         words = "Motor currents reported by the amplifiers, and commands." + shaded
-        figures.append(plot(plots.currents(trace, spans), "currents", "Currents", words))
+        figures.append(Figure(plots.currents(trace, spans), "currents", "Currents", words))
     return figures + _truth_figures(trace, spans)
 
 
@@ -260,12 +255,12 @@ def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     for column, heading, label, words in _TRUE_SIGNALS:
         if f"{column}_1" in trace:
             drawing = plots.per_wheel(trace, column, label, spans, zero=column != "normal_force")
-            figures.append(plot(drawing, column, heading, f"{words} {averaged}"))
+            figures.append(Figure(drawing, column, heading, f"{words} {averaged}"))
     if "twist_x" in trace and "heading" in trace:
         words = "Along the axes of the floor; dashed: planned." + (
             " Shaded: a fault is present." if spans else ""
         )
-        figures.append(plot(plots.velocity(trace, spans), "velocity", "Velocity", words))
+        figures.append(Figure(plots.velocity(trace, spans), "velocity", "Velocity", words))
     return figures
 
 
@@ -289,7 +284,7 @@ def _rig_figures(rig: Rig, trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     drawings = plots.rig_plots(trace, radius, spans)
     moves = bool(np.any(np.abs(trace["lateral_speed"]) > _MOVES))
     return [
-        plot(drawings[name], name, heading, words.format(radius=radius))
+        Figure(drawings[name], name, heading, words.format(radius=radius))
         for name, heading, words in _RIG_FIGURES
         if name in drawings and (moves or name != "lateral")
     ]

@@ -12,7 +12,7 @@ from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
 from omnimj.view.diagnosis_words import FULL
 from omnimj.view.plots import diagnosis as plots
-from omnimj.view.report.page import Cell, Figure, Table, plot, table
+from omnimj.view.report.page import Cell, Figure, Table, table
 from omnimj.view.residuals import families
 from omnimj.view.wording import Span
 
@@ -133,14 +133,14 @@ def _figures(
     if spans or diagnosed or "mode" in trace:
         words = "True faults, diagnoses, and the mode of the method."
         drawing = plots.state_lanes(trace, spans, diagnosed, method, is_rig)
-        figures.append(plot(drawing, "states", "Truth and diagnosis", words))
+        figures.append(Figure(drawing, "states", "Truth and diagnosis", words))
     shaded = " Shaded: a fault is present." if spans else ""
     for family in families(list(trace.columns), method, scenario.diagnosis.printed):
         drawing = plots.residual_families(trace, [family], spans)
         words = f"{family.words}{shaded}".strip()
-        figures.append(plot(drawing, f"residual-{family.name}", family.heading, words))
+        figures.append(Figure(drawing, f"residual-{family.name}", family.heading, words))
     if "effectiveness_1" in trace:
         words = f"Estimated effectiveness of each wheel's drive; 1 is healthy.{shaded}"
         drawing = plots.effectiveness(trace, spans)
-        figures.append(plot(drawing, "effectiveness", "Effectiveness", words))
+        figures.append(Figure(drawing, "effectiveness", "Effectiveness", words))
     return figures

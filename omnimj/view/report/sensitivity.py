@@ -23,7 +23,7 @@ from omnimj.studies.statistics import format_markdown
 from omnimj.view.plots.panels import Drawing
 from omnimj.view.plots.sensitivity import result_bars, result_plane, rows_shown, share_bars, share_matrix
 from omnimj.view.plots.static import svg_file
-from omnimj.view.report.page import Figure, Table, plot, table, write_page
+from omnimj.view.report.page import Figure, Table, table, write_page
 
 REPORT, PICTURE, TEXT = "report.html", "sensitivity.svg", "sensitivity.md"
 _FEWEST_BARS = 2
@@ -84,9 +84,9 @@ def _overview(result: SensitivityResult) -> list[Figure]:
         "mean share of each number in the changes of the results, with its 95 % interval; the first "
         f"{rows_shown(result.ranks)} of {len(result.ranks)} numbers above a floor"
     )
-    first = plot(bars, "first", "All results", words)
+    first = Figure(bars, "first", "All results", words)
     words = "share of each number in percent; the rest to 100 % is below the floor"
-    return [first, plot(matrix, "each", "Each result", words)]
+    return [first, Figure(matrix, "each", "Each result", words)]
 
 
 def _figures(study: ResultSensitivity, result: SensitivityResult) -> list[Figure]:
@@ -95,7 +95,7 @@ def _figures(study: ResultSensitivity, result: SensitivityResult) -> list[Figure
         return []
     bars, plane = result_bars(study, result.factors), result_plane(study, result.factors)
     words = "mean size μ* and its 95 % interval"
-    first = plot(bars, f"bars-{study.name}", "Change across the range", words, label=f"μ* of {study.name}")
+    first = Figure(bars, f"bars-{study.name}", "Change across the range", words, label=f"μ* of {study.name}")
     words = "far above the line: nonlinear, or interacting with other numbers"
     label = f"σ over μ* of {study.name}"
-    return [first, plot(plane, f"plane-{study.name}", "Linear or not", words, label=label)]
+    return [first, Figure(plane, f"plane-{study.name}", "Linear or not", words, label=label)]

@@ -7,7 +7,7 @@ from pathlib import Path
 from omnimj.studies.tuning.reporting import comparison_rows, format_verdict
 from omnimj.studies.tuning.study import TuningResult
 from omnimj.view.plots.tuning import convergence, landscape_picture, pareto
-from omnimj.view.report.page import Figure, Table, plot, table, write_page
+from omnimj.view.report.page import Figure, Table, table, write_page
 
 
 def write_tuning_report(path: Path, result: TuningResult, command: str) -> None:
@@ -57,12 +57,12 @@ def _format_margin(crossover: float, phase: float) -> str:
 def tuning_figures(result: TuningResult) -> list[Figure]:
     """Return plots of the search, of its trade-off, and of the cost around the result."""
     words = "on the training draws, which are the same for every candidate"
-    figures = [plot(convergence(result), "convergence", "The search", words, label="cost by candidate")]
+    figures = [Figure(convergence(result), "convergence", "The search", words, label="cost by candidate")]
     words = "all candidates that violate no limit; along the front one property is traded for the other"
-    figures.append(plot(pareto(result), "pareto", "Speed against robustness", words))
+    figures.append(Figure(pareto(result), "pareto", "Speed against robustness", words))
     for k, found in enumerate(result.landscapes):
         words = "each cell is driven on part of the training draws; a white cell violates a limit"
         name = " and ".join(a.name.partition(".")[2].replace("_", " ") for a in (found.across, found.up))
         heading = f"Cost around the result: {name}"
-        figures.append(plot(landscape_picture(found), f"landscape-{k}", heading, words))
+        figures.append(Figure(landscape_picture(found), f"landscape-{k}", heading, words))
     return figures

@@ -15,7 +15,7 @@ from omnimj.estimate.identification.records import Cell as Condition
 from omnimj.estimate.identification.records import ReplayedRun, Validation
 from omnimj.signals import Array
 from omnimj.view.plots import identification as plots
-from omnimj.view.report.page import Cell, Figure, Table, number, plot, table, write_page
+from omnimj.view.report.page import Cell, Figure, Table, number, table, write_page
 from omnimj.view.wording import percent
 
 _MOST_OVERLAYS = 8
@@ -108,7 +108,7 @@ def overlays(found: Validation) -> list[Figure]:
         if first.lateral_speed:
             condition += f", {first.lateral_speed:+.2f} m/s sideways"
         caption = f"{condition}; RMS {errors} m/s"
-        figures.append(plot(plots.speed_overlay(runs), f"run-{k}", first.run, caption))
+        figures.append(Figure(plots.speed_overlay(runs), f"run-{k}", first.run, caption))
     return figures
 
 
@@ -174,6 +174,6 @@ def _pair(runs: Sequence[DrivenRun], word: str, error: str) -> list[Figure]:
     key = f"{word}-{name}".replace(", ", "-").replace(" ", "-")
     caption = f"{name}; error of the mean velocity {error} ({runs[0].plant})"
     return [
-        plot(plots.drive_paths(runs), f"path-{key}", f"{word}: paths", caption),
-        plot(plots.drive_courses(runs), f"course-{key}", f"{word}: courses", caption),
+        Figure(plots.drive_paths(runs), f"path-{key}", f"{word}: paths", caption),
+        Figure(plots.drive_courses(runs), f"course-{key}", f"{word}: courses", caption),
     ]

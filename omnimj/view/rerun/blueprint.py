@@ -120,16 +120,9 @@ def run_blueprint(
 ) -> rrb.Blueprint:
     """Arrange the views: machine on the left, fault states and legend below it, signals on the right.
 
-    The plots in focus are in the first tab.
-
-    Args:
-      plots: Time series, from top to bottom.
-      duration: Duration of the whole run [s]; None for a drive without a planned end.
-      eye: First view of the scene.
-      ranges: Ranges of the value axes, one per plot; None for a run in progress, whose axes grow.
-      lanes: Lanes of the fault states; None for all.
-      subject: Plots and views to show first; None for no preference.
-      above: View of the path from above; None to leave it out.
+    The plots in focus (`subject`) are in the first tab. Without `duration` [s] the drive has no planned end,
+    and without `ranges`, one per plot, it is in progress and its axes grow. `lanes` None means all, and
+    `above` is the view of the path from above.
     """
     time_axis = _newest() if duration is None else whole_axis(duration)
     panel = "playing" if duration is not None else "following"
@@ -154,11 +147,7 @@ def arranged(
 ) -> rrb.Blueprint:
     """Arrange views of the machine on the left and plots on the right, without panels.
 
-    Args:
-      left: Views of the machine.
-      right: Plots.
-      timeline: Timeline that is played.
-      **playback: Options of the time panel; it plays in a loop without any.
+    The timeline plays by the options of the time panel, in a loop without any.
     """
     panel = {"play_state": "playing", "loop_mode": "all", **playback}
     return rrb.Blueprint(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from omnimj.estimate.gap.records import Overlay
 from omnimj.parameters import Rig, Robot
@@ -35,17 +36,9 @@ class Motion:
 
 
 def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Integrate carriage position, gantry position and wheel angle of the rig.
+    """Integrate carriage and gantry position [m] and wheel angle [rad], shape (k, 3), over one run.
 
     The drive of the gantry controls its speed, so its motion is the same in all three.
-
-    Args:
-      rig: Gives the start position.
-      windows: Consecutive windows of one run, k blocks in total.
-      channels: Names of the columns of measured and simulated values.
-
-    Returns:
-      Coordinates: carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
     """
     start = np.array([rig.rig.start_position, 0.0, 0.0])
 
@@ -59,16 +52,7 @@ def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) ->
 
 
 def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Integrate position, heading and wheel angles of the robot from wheels and gyro.
-
-    Args:
-      robot: Robot of n wheels.
-      windows: Consecutive windows of one run, k blocks in total.
-      channels: Names of the columns of measured and simulated values.
-
-    Returns:
-      Coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
-    """
+    """Integrate x, y [m], heading and n wheel angles [rad], shape (k, 3 + n), from wheels and gyro."""
     wheels = len(robot.wheel_positions)
     backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     names = [f"wheel_speed_{i + 1}" for i in range(wheels)]
@@ -77,7 +61,7 @@ def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[st
         speeds = np.column_stack([_channel(values, channels, name) for name in names])
         twist = robot.wheel.radius * speeds @ backwards.T
         turn = _channel(values, channels, "yaw_rate") if "yaw_rate" in channels else twist[:, 2]
-        heading = place[2] + integrated(window.time, turn)
+        heading = place[2] + cumulative_trapezoid(turn, window.time, initial=0.0)
         c, s = np.cos(heading), np.sin(heading)
         x, y = twist[:, 0], twist[:, 1]
         return np.column_stack([c * x - s * y, s * x + c * y, turn, speeds])
@@ -102,45 +86,15 @@ def axis_motion(windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
 
 
 def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """Convert the coordinates of `rig_motion` to generalised positions of the rig.
-
-    Args:
-      mj_model: Model of the rig.
-      coordinates: Carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
-
-    Returns:
-      Generalised positions, shape (k, nq).
-    """
+    """Convert the coordinates of `rig_motion` to generalised positions of the rig, shape (k, nq)."""
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     for column, joint in enumerate(("rail", "gantry", "wheel_1_axle")):
         qpos[:, mj_model.joint(joint).qposadr[0]] = coordinates[:, column]
     return qpos
 
 
-def integrated(time: Array, rate: Array) -> Array:
-    """Integrate over time by the trapezoidal rule, from 0 at the first time.
-
-    Args:
-      time: Times, shape (k,) [s].
-      rate: Rates, shape (k, …) [unit/s].
-
-    Returns:
-      Integral, in the shape of the rates.
-    """
-    step = np.diff(time).reshape(-1, *([1] * (rate.ndim - 1)))
-    parts = 0.5 * step * (rate[1:] + rate[:-1])
-    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)])
-
-
 def filled(values: Array) -> Array:
-    """Interpolate masked samples linearly.
-
-    Args:
-      values: Samples, shape (k,), NaN where masked.
-
-    Returns:
-      Samples without gaps, shape (k,); zero if all are masked.
-    """
+    """Interpolate masked samples (NaN), shape (k,), linearly; zero if all are masked."""
     known = np.isfinite(values)
     if known.all():
         return values
@@ -164,8 +118,8 @@ def _driven(windows: Sequence[Overlay], start: Array, rates: Rates) -> Motion:
             time, rate = end
             place = place + rate * max(float(window.time[0]) - time, 0.0)
         for kind in KINDS:
-            moved = integrated(window.time, rates(window, getattr(window, kind), place))
-            parts[kind].append(place + moved)
+            speeds = rates(window, getattr(window, kind), place)
+            parts[kind].append(place + cumulative_trapezoid(speeds, window.time, axis=0, initial=0.0))
         last = rates(window, window.measured, place)[-1]
         place, end = parts["measured"][-1][-1], (float(window.time[-1]), last)
     time = np.concatenate([window.time for window in windows])

@@ -59,12 +59,7 @@ class _LiveView:
         self._mj_model: Any = None
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Store a pose for the next batch; callback every `SNAPSHOT_PERIOD`.
-
-        Args:
-          now: Time of the pose [s].
-          pose: Generalised positions, shape (nq,).
-        """
+        """Store a pose, shape (nq,), for the next batch; callback every `SNAPSHOT_PERIOD`."""
         self._poses.append((now, np.array(pose)))
 
     def _taken(self) -> list[tuple[float, Array]]:
@@ -79,12 +74,9 @@ class _LiveView:
         return Poses(self._mj_model, np.array(times), np.stack(poses))
 
     def _open(self, duration: float | None, start: tuple[float, float], planned: Array | None) -> None:
-        """Connect the sink, with the layout of a run in progress, and show machine and plan.
+        """Connect the sink, with the layout of a run in progress, and show machine and planned path.
 
-        Args:
-          duration: Duration of the run [s]; None without a planned end.
-          start: Start of the robot [m].
-          planned: Planned path, shape (k, 2) [m]; None without one.
+        The path has the shape (k, 2) [m]; without `duration` [s] the run has no planned end.
         """
         method = str(self._known.get("method", NOT_DIAGNOSED))
         detector = make_detector(method, self._scenario)
@@ -128,12 +120,7 @@ class LiveRun(_LiveView):
         return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Send the newest rows and their poses; callback per batch.
-
-        Args:
-          names: Names of the columns.
-          table: Rows since the last batch, shape (k, len(names)).
-        """
+        """Send the newest rows, shape (k, len(names)), and their poses; callback per batch."""
         columns = dict(zip(names, table.T, strict=True))
         self._rows += len(table)
         if self._sink.is_open:
@@ -193,12 +180,7 @@ class LiveDrive(_LiveView):
         self._thread.start()
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Queue the newest rows and their poses; drop them if the queue is full.
-
-        Args:
-          names: Names of the columns.
-          table: Rows since the last batch, shape (k, len(names)).
-        """
+        """Queue the newest rows, shape (k, len(names)), and their poses; drop them if the queue is full."""
         trace = Trace(dict(zip(names, table.T.copy(), strict=True)))
         try:
             self._waiting.put_nowait((trace, self._taken()))

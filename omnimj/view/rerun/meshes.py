@@ -32,12 +32,7 @@ class Surface:
     """Vertex indices, counter-clockwise seen from outside, shape (t, 3)."""
 
     def moved(self, position: Array, rotation: Array) -> Surface:
-        """Return the surface rotated and then shifted.
-
-        Args:
-          position: Shift, shape (3,) [m].
-          rotation: Rotation matrix, shape (3, 3).
-        """
+        """Return the surface rotated by a matrix, shape (3, 3), and then shifted, shape (3,) [m]."""
         return Surface(self.vertices @ rotation.T + position, self.normals @ rotation.T, self.triangles)
 
 
@@ -52,11 +47,7 @@ def joined(surfaces: list[Surface]) -> Surface:
 
 
 def box(half: Array) -> Surface:
-    """Make a box around the origin.
-
-    Args:
-      half: Half of the edge lengths along x, y and z, shape (3,) [m].
-    """
+    """Make a box around the origin with half the edge lengths along x, y and z, shape (3,) [m]."""
     corners = _CORNERS[_BOX_FACES] * half
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -69,12 +60,9 @@ def _split(quads: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
-    """Revolve a profile about z, from the bottom to the top.
+    """Revolve a profile of radii and heights, shape (k, 2) [m], about z, from the bottom to the top.
 
-    Args:
-      profile: Radii and heights of the points, shape (k, 2) [m].
-      normals: Radial and vertical components of the normal at each point, shape (k, 2).
-      corners: Number of points around the circle.
+    The normals have a radial and a vertical component at each point, shape (k, 2).
     """
     angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -92,13 +80,7 @@ def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
 
 
 def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface:
-    """Make a cylinder along z with flat ends.
-
-    Args:
-      radius: Radius [m].
-      half_length: Half of the length [m].
-      corners: Number of points around the circle.
-    """
+    """Make a cylinder along z with flat ends; lengths in m."""
     up, out = np.array([0.0, 1.0]), np.array([1.0, 0.0])
     low, high = np.array([radius, -half_length]), np.array([radius, half_length])
     side = revolved(np.array([low, high]), np.array([out, out]), corners)
@@ -108,12 +90,7 @@ def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface
 
 
 def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
-    """Make an ellipsoid around the origin.
-
-    Args:
-      half: Semi-axes along x, y and z, shape (3,) [m].
-      corners: Number of points around the equator.
-    """
+    """Make an ellipsoid around the origin with semi-axes along x, y and z, shape (3,) [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, corners // 2 + 1)
     profile = np.column_stack([np.cos(angle), np.sin(angle)])
     sphere = revolved(profile, profile, corners)
@@ -123,13 +100,7 @@ def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
 
 
 def capsule(radius: float, half_length: float, corners: int = 10) -> Surface:
-    """Make a cylinder along z with hemispherical ends.
-
-    Args:
-      radius: Radius of the cylinder and its ends [m].
-      half_length: Half of the length without the ends [m].
-      corners: Number of points around the circle.
-    """
+    """Make a cylinder along z, `half_length` without the ends, with hemispherical ends; lengths in m."""
     angle = np.concatenate([np.linspace(-np.pi / 2, 0, 4), np.linspace(0, np.pi / 2, 4)])
     normals = np.column_stack([np.cos(angle), np.sin(angle)])
     shift = np.column_stack([np.zeros(8), np.repeat([-half_length, half_length], 4)])
@@ -239,9 +210,7 @@ def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
 def striped(base: Appearance, axis: Array) -> Appearance:
     """Darken two opposite sectors about an axis to make the rotation of a body of revolution visible.
 
-    Args:
-      base: Appearance of the body.
-      axis: Axis of rotation in the body frame, of any length, shape (3,).
+    The axis is in the body frame, of any length, shape (3,).
     """
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])

@@ -73,12 +73,9 @@ class RunStream:
         self._is_rig, self._wheels = scenario.is_rig, scenario.constants.wheel_count
 
     def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
-        """Send machine, floor and plan.
+        """Send machine, floor and planned path, shape (k, 2) [m].
 
-        Args:
-          known: Content of `metrics.json` that is known before the run.
-          planned: Planned path, shape (k, 2) [m].
-          mj_model: Visible model of the machine.
+        `known` is the content of `metrics.json` that is known before the run.
         """
         stream = self._stream
         begin_recording(stream, wording.title(known))
@@ -179,13 +176,8 @@ def live_blueprint(
 ) -> rrb.Blueprint:
     """Make the blueprint of a run in progress: it follows the newest data, and value axes grow.
 
-    Args:
-      scenario: Scenario of the run.
-      duration: Duration of the whole run [s]; None without a planned end.
-      start: Start of the robot [m].
-      method: Name of the detection method.
-      log_names: Columns of the method's log.
-      faults: Faults of the scenario, as in `metrics.json`.
+    Without `duration` [s] the drive has no planned end; the robot starts at `start` [m]; faults as in
+    `metrics.json`.
     """
     plots, subject = plots_of(scenario, method, log_names), focus_of(scenario, faults)
     eye = first_eye(scenario, start, True, subject.from_the_side)
@@ -197,11 +189,7 @@ def first_eye(
 ) -> Eye:
     """Place the first camera: near the robot, at its side on slopes, at the rig, above the path.
 
-    Args:
-      scenario: Scenario of the run.
-      start: Start of the robot [m].
-      has_machine: True if the recording shows the machine; otherwise the camera looks at the path from above.
-      from_the_side: True to look at the robot from its side.
+    The robot starts at `start` [m]; a recording without machine shows the path from above.
     """
     if scenario.is_rig:
         return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))

@@ -56,12 +56,7 @@ _MARGIN = 0.6  # [m] of floor around all motion
 
 
 def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
-    """Make the time index of logged rows.
-
-    Args:
-      time: Simulated time, shape (k,) [s].
-      timeline: Name of the timeline; a recording of several runs has one per run.
-    """
+    """Make the index of simulated time, shape (k,) [s]; a recording of several runs has one for each."""
     whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # else 4.0999… is truncated
     return rr.TimeColumn(timeline, duration=whole)
 
@@ -130,13 +125,9 @@ class Machine:
         self._log_forces(poses, frames, trace)
 
     def log_bodies(self, poses: Poses, timeline: str = "time", rollers_turn: bool = True) -> BodyFrames:
-        """Log body poses.
+        """Log body poses, at least one.
 
-        Args:
-          poses: At least one pose of this machine.
-          timeline: Name of the timeline.
-          rollers_turn: True if roller angles are known; otherwise rollers are logged once, at rest in their
-            wheel.
+        Rollers whose angles are unknown are logged once, at rest in their wheel.
         """
         frames = body_frames(poses)
         index = time_column(frames.time, timeline)
@@ -205,15 +196,9 @@ def _log_mesh(stream: rr.RecordingStream, entity: str, look: Appearance) -> None
 
 
 def log_floor(stream: rr.RecordingStream, points: Array, patches: Sequence[Any], floor: str) -> None:
-    """Log the floor as a slab with tiles, and each patch of another floor with its name.
+    """Log the floor below points, shape (k, 2) [m], as a slab with tiles, and other floors with their names.
 
-    Tiles are 0.25 m wide, larger on a vast floor.
-
-    Args:
-      stream: Recording.
-      points: Points that the floor must cover, shape (k, 2) [m].
-      patches: Patches with `floor`, `center`, `size` and `yaw`.
-      floor: Name of the floor.
+    Tiles are 0.25 m wide, larger on a vast floor; patches have `floor`, `center`, `size` and `yaw`.
     """
     low, high = np.floor(points.min(axis=0) - _MARGIN), np.ceil(points.max(axis=0) + _MARGIN)
     slab = rr.Boxes3D(
@@ -253,12 +238,7 @@ def _log_patch(stream: rr.RecordingStream, entity: str, patch: Any) -> None:
 
 
 def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
-    """Log the whole planned path.
-
-    Args:
-      stream: Recording.
-      planned: Positions x, y, shape (k, 2) [m].
-    """
+    """Log the whole planned path, shape (k, 2) [m]."""
     keep = np.unique(np.linspace(0, len(planned) - 1, min(len(planned), _TRAIL_POINTS)).astype(int))
     strip = rr.LineStrips3D(
         [on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
@@ -304,11 +284,9 @@ def on_floor(points: Array, height: float) -> NDArray[np.float32]:
 
 @contextmanager
 def recording_file(path: Path, application: str) -> Iterator[rr.RecordingStream]:
-    """Context with a stream whose data become a recording file when the block succeeds, in full.
+    """Context with a stream whose data become an `.rrd` file when the block succeeds, in full.
 
-    Args:
-      path: `.rrd` file to write.
-      application: Identifier for which the viewer keeps one layout.
+    The viewer keeps one layout for each `application`.
 
     Raises:
       OutputError: The file cannot be written.

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from scipy.integrate import cumulative_trapezoid
 
 from omnimj.estimate.drives.compare import velocity_course
 from omnimj.estimate.drives.records import DrivenRun, Motion
@@ -16,7 +17,7 @@ from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.poses import Poses, robot_poses
 from omnimj.view.rerun.blueprint import Eye, arranged, scene_view
-from omnimj.view.rerun.dead_reckoning import filled, integrated
+from omnimj.view.rerun.dead_reckoning import filled
 from omnimj.view.rerun.scene import (
     MEASURED,
     Machine,
@@ -42,7 +43,7 @@ def write_side_by_side(path: Path, run: DrivenRun, robot: Robot) -> None:
         places = side_by_side(run)
         corners = np.vstack([pose[:, :2] for pose in places.values()])
         log_floor(stream, corners, (), run.floor)
-        angles = integrated(run.time, run.wheel_speed)
+        angles = cumulative_trapezoid(run.wheel_speed, run.time, axis=0, initial=0.0)
         for name, pose in places.items():
             color = MEASURED if name == "measured" else palette.AFTER
             machine = Machine(stream, mj_model, f"world/{name}")

@@ -235,13 +235,9 @@ def log_states(
 
 
 def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
-    """Return the entities of the lanes with events; all lanes if there are no events.
+    """Return the entities of the lanes with events in a run of `duration` [s]; all lanes if none has any.
 
     A wheel with a fault also gets a lane of diagnoses, even if empty.
-
-    Args:
-      metrics: Content of `metrics.json`.
-      duration: Duration of the run [s].
     """
     true = {span.lane for span in fault_spans(metrics, duration)}
     named = true | {span.lane for span in diagnosis_spans(metrics, duration)}
@@ -259,14 +255,7 @@ def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], w
 
 
 def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
-    """Log states that begin at given times; a state has one colour in all lanes.
-
-    Args:
-      stream: Recording.
-      entity: Entity of the lane.
-      times: Times at which the states begin, shape (k,) [s].
-      states: The states, k in number.
-    """
+    """Log states that begin at given times, shape (k,) [s]; a state has one colour in all lanes."""
     values = sorted(set(states), key=lambda state: (state != HEALTHY, state))
     colors = [(*palette.rgb(palette.state_color(state)), 255) for state in values]
     stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=colors), static=True)
