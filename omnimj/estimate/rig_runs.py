@@ -89,13 +89,9 @@ class RigRun:
 
 
 def rig_run(run: Run, period: float) -> RigRun:
-    """Resample a run of a dataset to an even grid.
+    """Resample a run with `floor` and `mass` among its conditions to an even grid with a period [s].
 
     Masked samples are bridged by straight lines, so that inputs have no holes, and marked as not measured.
-
-    Args:
-      run: Run with the columns of the rig, and `floor` and `mass` among its conditions.
-      period: Period of the grid [s].
     """
     time = run.time - run.time[0]
     grid = period * np.arange(int(np.floor(time[-1] / period + 1e-6)) + 1, dtype=np.float64)
@@ -148,7 +144,6 @@ def drive_by_currents(plant: PlanarRig | RigTwin, current: Array, start_speeds: 
     """Drive a plant with measured currents.
 
     Args:
-      plant: Rig with ideal sensors.
       current: Motor current at every sample, shape (k,) [A].
       start_speeds: Speeds of carriage [m/s] and wheel [rad/s] at the start; both 0 for a start from rest.
 

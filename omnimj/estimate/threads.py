@@ -1,4 +1,4 @@
-"""Threads for simulations side by side, shared by everything in a process that simulates at the same time."""
+"""One thread pool for all simulations of a process."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ def map_in_threads(
 
     Args:
       function: Function of one argument; an exception ends the map and propagates.
-      arguments: The arguments.
       threads: Number of threads at most; the machine's cores when None.
 
     Returns:

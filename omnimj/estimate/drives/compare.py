@@ -42,7 +42,7 @@ def marker_angle(runs: Sequence[DrivenRun]) -> float | None:
 
 
 def with_marker(run: DrivenRun, angle: float) -> DrivenRun:
-    """The run with its simulated path as a camera sees it that takes a heading which reads too much.
+    """The run with its simulated path as the camera sees it if the heading reads too high by an angle.
 
     Args:
       run: A run whose simulation began at the measured heading.

@@ -88,13 +88,7 @@ def _follow(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor]) ->
 
 
 def replay_drive(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor]) -> DrivenRun:
-    """Simulate a measured run on one plant.
-
-    Args:
-      plant: `twin`, `planar` or `rolling`.
-      drive: From `measured_drive`.
-      robot: The model, with its effects.
-      floors: Floors by name.
+    """Simulate a measured run on one plant: `twin`, `planar` or `rolling`.
 
     Raises:
       SimulationError: The simulation left finite numbers.

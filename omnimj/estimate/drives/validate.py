@@ -56,13 +56,6 @@ def validate_drives(
 
     Ctrl-C keeps the completed runs.
 
-    Args:
-      dataset: Runs with a measured pose.
-      robot: The model, with its effects.
-      floors: Floors by name.
-      plants: Some of `PLANTS`.
-      progress: Called with the completed simulations and the number of all.
-
     Raises:
       InputError: Runs without a measured pose or floor, or of a robot with other wheels.
       UnknownNameError: No such plant or floor.
@@ -95,15 +88,7 @@ def judged(
     runs: Sequence[DrivenRun],
     interrupted: bool = False,
 ) -> DriveValidation:
-    """Judge simulated drives: the marker's angle on each floor, numbers of the runs and of their groups.
-
-    Args:
-      dataset: Their dataset.
-      robot: The model.
-      plants: Names of the plants.
-      runs: The runs on all of them.
-      interrupted: Whether runs are missing.
-    """
+    """Judge simulated drives: the marker's angle on each floor, numbers of the runs and of their groups."""
     declared = apply_effects(robot).channels.get("heading", ChannelEffect()).offset
     floors = tuple(dict.fromkeys(run.floor for run in runs))
     marker: dict[str, dict[str, float | None]] = {

@@ -44,7 +44,6 @@ def digest(
     """Content of `gap.json`: every number of the report, nothing that JSON cannot hold.
 
     Args:
-      finding: The finding.
       new_model: File name of the new model in the same folder; None if there is none.
       new_floors: File name of the refitted floors in the same folder; None if there are none.
       command: Command that repeats the work.
@@ -201,7 +200,6 @@ def new_floors_text(finding: Finding, floors: Mapping[str, Floor], file: Path | 
     Effects of one floor have become numbers of this floor.
 
     Args:
-      finding: The finding.
       floors: Floors from which the search began, by name.
       file: Model file from which the search began; the shipped one when None.
 
@@ -251,7 +249,6 @@ def effect_tables(
     floor are left out: they become numbers of this floor.
 
     Args:
-      effects: Named effects.
       present: Tables that the file has already; new effects are added to them.
     """
     tables: dict[str, dict[str, float | int | str | Interval]] = {}

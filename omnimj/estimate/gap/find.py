@@ -91,8 +91,6 @@ def analyse_replay(
     """Find where simulation and measurement disagree, and what the model lacks.
 
     Args:
-      replay: The plant with the measured runs.
-      about: Facts about the dataset.
       holdout: Conditions excluded from every fit; drawn by the seed when empty.
       seed: Seed of the held-out draw, the folds and the decoys.
       report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the

@@ -301,14 +301,7 @@ def _of_run(finding: Finding, run: str, windows: Sequence[Overlay], second: bool
 
 
 def channel_rms(mismatch: Array) -> Array:
-    """√(mean of squares) of every channel over the blocks that are not masked, NaN where all are.
-
-    Args:
-      mismatch: Shape (blocks, channels).
-
-    Returns:
-      Shape (channels,).
-    """
+    """√(mean of squares) over known blocks, (blocks, channels) → (channels,); NaN where all are masked."""
     known = np.isfinite(mismatch)
     squares = np.where(known, mismatch, 0.0) ** 2
     with np.errstate(invalid="ignore"):

@@ -29,7 +29,7 @@ from omnimj.estimate.replay.problem import Fit, Problem, fit
 MIN_EXPLAINED = 0.88
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
 TOLERANCE = 0.1
-"""Share of its typical size up to which an effect is within what the equations of a machine are trusted for:
+"""Share of its typical size below which an effect lies within the model error of the equations:
 every real machine deviates by so little from any law of friction, gear or motor."""
 MIN_REDUCTION = 0.5
 """Smallest share of all mismatch above the noise (squared, held out) that they must remove."""

@@ -87,14 +87,7 @@ class FitCovariance:
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
 
     def half_width(self, direction: Array) -> Array:
-        """Half-width of the interval of linear combinations.
-
-        Args:
-          direction: Coefficients, shape (n, SHARED).
-
-        Returns:
-          Shape (n,).
-        """
+        """Half-width of the interval of linear combinations: coefficients (n, SHARED) → (n,)."""
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 
@@ -208,10 +201,6 @@ def describe_undetermined(
     """Describe what the runs leave open, one sentence each.
 
     Args:
-      floor: Name of the floor.
-      fit: Its fit.
-      spread: Covariance of the fit.
-      estimates: Parameters with intervals.
       covered: Slip covered by the runs [m/s]; None where they never slide.
       shows_stribeck: True if the runs show that g depends on slip.
     """

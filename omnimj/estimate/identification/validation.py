@@ -84,7 +84,6 @@ def published_errors(floor: str, mass: float, lateral_speed: float, current: flo
     """Look up the RMS speed errors printed in the dissertation for a condition.
 
     Args:
-      floor: Name of the floor.
       mass: Mass m_T of the quarter body [kg].
       lateral_speed: Speed of the gantry [m/s].
       current: Motor current [A].
@@ -127,12 +126,6 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -
     """Simulate one run, from rest or from the measured speeds where the data begin in motion.
 
     Both simulated speeds pass the sensors' speed filter, so that they lag as the measured ones do.
-
-    Args:
-      rig: The model, with its effects.
-      floors: Floors by name.
-      run: Run on the rig's control period.
-      plant: `twin` or `planar`.
 
     Raises:
       InputError: No such floor, or a mass that the rig cannot have.
@@ -208,13 +201,6 @@ def validate(
     """Replay every run on every plant.
 
     Ctrl-C keeps the completed runs.
-
-    Args:
-      dataset: Rig runs.
-      rig: The model, with its effects.
-      floors: Floors by name.
-      plants: Some of `PLANTS`.
-      progress: Called with the completed replays and the number of all replays.
 
     Raises:
       InputError: Not a rig dataset, a mass that the rig cannot have, or no such floor.

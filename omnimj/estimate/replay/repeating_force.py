@@ -1,9 +1,9 @@
 """A force that repeats along the way: F = a sin(2π s/p) + b cos(2π s/p).
 
 s is the way that the wheel rolled, or the place on the rail. Joints of a rail, teeth of a belt, a bent axle:
-no library lists all that may repeat along the way. The search may have such a force in its model, so that the
-effects of the library need not stand in for it. It is described and never named. Its periods are longer than
-those of rollers and motor poles, which are effects of the library.
+no library can list every force that repeats with distance. The search may have such a force in its model, so
+that the effects of the library need not stand in for it. It is described and never named. Its periods are
+longer than those of rollers and motor poles, which are effects of the library.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def repeating_forces(turn: float) -> tuple[CandidateEffect, ...]:
     """The force as candidates: one that goes with the wheel, one with the rail.
 
     Args:
-      turn: Way of one turn of the wheel [m].
+      turn: Distance per turn of the wheel [m].
     """
     lowest, highest = _ORDERS
     periods = tuple(float(turn / order) for order in np.arange(lowest + _STEP, highest, _STEP))
@@ -49,14 +49,7 @@ def repeating_forces(turn: float) -> tuple[CandidateEffect, ...]:
 def with_repeating_force(
     terms: Array, forces: tuple[CandidateEffect, ...], effects: Mapping[str, Array], turn: float
 ) -> Array:
-    """Packed effect terms, shape (TERMS,), with the force of a model; the same terms without one.
-
-    Args:
-      terms: Packed terms of the wheel.
-      forces: `repeating_forces`.
-      effects: Label → fitted numbers of the model's effects.
-      turn: Way of one turn of the wheel [m].
-    """
+    """Packed effect terms, shape (TERMS,), with the force of a model; the same terms without one."""
     rolled, rail = (force.label for force in forces)
     if rolled in effects:
         sine, cosine, period = effects[rolled].tolist()

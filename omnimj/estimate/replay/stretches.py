@@ -20,14 +20,7 @@ _GAP = 3.5  # sample periods between two samples from which on a gap is assumed
 
 
 def white_noise(values: Sequence[Array]) -> float:
-    """Standard deviation of white noise from third differences; that of quantisation where it is larger.
-
-    Args:
-      values: Samples of a channel, shape (samples,) per stretch without gaps.
-
-    Returns:
-      Standard deviation, in the unit of the channel.
-    """
+    """Deviation of white noise by third differences of stretches; that of quantisation where it is larger."""
     changes = np.concatenate([np.diff(v, 3) for v in values])
     spread = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745 / np.sqrt(20.0)
     steps = np.concatenate([np.abs(np.diff(v)) for v in values])
@@ -50,8 +43,6 @@ def on_clock(
     """Resample a column, masked samples bridged by straight lines.
 
     Args:
-      run: The run, for its times and masks.
-      name: Name of the column.
       values: The column, shape (samples of the run,).
       part: Samples of a stretch without gaps.
       clock: Times to resample at, shape (k,) [s].
@@ -90,8 +81,6 @@ def block_means(values, windows, size, means):
 
     Args:
       values: Samples, shape (n, columns).
-      windows: Table of windows, shape (windows, WINDOW).
-      size: Samples per block.
       means: Filled with the block means, shape (blocks, columns).
     """
     for w in range(len(windows)):

@@ -44,8 +44,6 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
 
     Args:
       dataset: Runs without any fault, checked by `sound_dataset`.
-      robot: The robot of the model file, whose numbers and uncertainties are the prior.
-      progress: Progress callback.
 
     Raises:
       InputError: Not a robot, another number of wheels, a channel is missing, runs of different mass, or
@@ -72,7 +70,9 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     if float(np.linalg.norm(aliasing)) > _MUCH_ALIASING:
         notes.append("currents ripple faster than the log samples: the yaw inertia is uncertain, log faster")
     if len(rows) < _FEW_RUNS:
-        notes.append(f"{len(rows)} runs: intervals over whole runs need at least {_FEW_RUNS} of them")
+        notes.append(
+            f"{len(rows)} runs: intervals that leave out whole runs need at least {_FEW_RUNS} of them"
+        )
     result = RobotIdentification(
         dataset.path,
         robot,
@@ -130,9 +130,8 @@ def _with_stated_mass(dataset: Dataset, robot: Robot) -> tuple[Robot, bool]:
         return robot, False
     if len(stated) > 1:
         found = ", ".join("none" if mass is None else f"{float(mass):g} kg" for mass in stated)
-        raise InputError(
-            f"{dataset.path}: mass", f"found {found}", "all runs must be of one mass; identify them apart"
-        )
+        rule = "all runs must state the same mass; identify each mass separately"
+        raise InputError(f"{dataset.path}: mass", f"found {found}", rule)
     mass = float(stated.pop() or robot.body.mass)
     return replace(robot, body=replace(robot.body, mass=mass)), True
 

@@ -114,13 +114,7 @@ class BodyMotion(NamedTuple):
 
 
 def motion_of_pose(samples: PoseSamples, smoother: Smoother, late: float) -> BodyMotion:
-    """Motion of the body from its measured pose.
-
-    Args:
-      samples: New poses of a stretch.
-      smoother: The filter of all channels.
-      late: Delay of the pose [s].
-    """
+    """Motion of the body from its measured pose, whose delay [s] is taken back."""
     # straight lines between pictures are a low pass themselves, of variance T²/6
     line = (samples.period**2 - smoother.period**2) / 6.0
     width = math.sqrt(max(smoother.width**2 - line, 0.25 * smoother.width**2))
@@ -148,10 +142,7 @@ def delay_behind_wheels(samples: PoseSamples, speeds: Array, smoother: Smoother,
     Minimises the mean square of r φ̇ − A·twist(t + delay) over the rows.
 
     Args:
-      samples: New poses of a stretch.
       speeds: Wheel speeds at the rows, their own delay taken back, shape (m, n) [rad/s].
-      smoother: Filter and rows of the speeds.
-      c: Constants of the robot.
     """
     rolling = c.radius * speeds
 
@@ -168,14 +159,9 @@ def delay_behind_wheels(samples: PoseSamples, speeds: Array, smoother: Smoother,
 
 
 def delay_behind_torques(time: Array, predicted: Array, measured: Array) -> float:
-    """Delay of measured accelerations behind those that the torques predict [s].
+    """Delay [s] of measured accelerations behind those that the torques predict, shape (m, 3) each.
 
     Maximises Σ ρ² of the three channels: the constants of the prediction may be wrong.
-
-    Args:
-      time: Of the rows of a stretch, shape (m,) [s].
-      predicted: Shape (m, 3).
-      measured: Shape (m, 3).
     """
     spline, shift = CubicSpline(time, measured), MOST_DELAY / 2.0
     inner = (time > time[0] + shift) & (time < time[-1] - shift)

@@ -107,7 +107,7 @@ def test_the_same_effect_is_named_where_it_is_of_typical_size_and_tolerated_wher
         assert finding.verdict == verdict
     assert finding.tolerated == ("air_drag",) and not finding.effects
     assert "air_drag" in summarize_finding(finding) and "no effect" not in summarize_finding(finding)
-    assert next_step(finding).startswith("Drive faster, heavier or longer")
+    assert next_step(finding).startswith("Drive faster, with more load or for longer")
 
 
 def test_the_size_of_an_effect_is_that_of_its_largest_amplitude_in_typical_sizes():

@@ -66,15 +66,7 @@ def clear_link(found: Comparison | None, x: str, y: str, allowed: float) -> list
 
 
 def integral(time: Array, rate: Array) -> Array:
-    """∫ rate dt from the first sample on, by trapezoids.
-
-    Args:
-      time: Shape (n,) [s].
-      rate: Shape (n,) [unit per s].
-
-    Returns:
-      Shape (n,).
-    """
+    """∫ rate dt from the first sample on, by trapezoids; time [s], rate and integral of shape (n,)."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
     return np.concatenate([[0.0], np.cumsum(steps)])
 

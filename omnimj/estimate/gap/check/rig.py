@@ -53,13 +53,7 @@ _INTEGRATED = frozenset(_PAIRS[1:])
 
 
 def rig_suspicions(runs: Sequence[Run], rig: Rig, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a rig.
-
-    Args:
-      runs: All runs.
-      rig: Wheel, gear, motor and masses.
-      beyond: Channels with values that the machine cannot reach.
-    """
+    """Yield contradictions between the channels of a rig; `beyond` as for `wrong_scales`."""
     found = {pair: _compared(runs, *pair, rig) for pair in _PAIRS}
     links = [link for pair in _PAIRS for link in _link(found[pair], *pair)]
     links += _force_link(runs, rig) or _power_link(runs)

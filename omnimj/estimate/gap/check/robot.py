@@ -65,8 +65,6 @@ def body_windows(runs: Sequence[Run], wheels: int, gyro: float, longest: float) 
     """Cut runs into windows.
 
     Args:
-      runs: Runs of a robot.
-      wheels: Number of wheels.
       gyro: Known scale error of the gyro.
       longest: Largest length of a window [s].
     """
@@ -128,7 +126,6 @@ def unexplained_share(
     Each wheel has its own positive scale.
 
     Args:
-      parts: Windows.
       rolling: Rolling speed per body twist over the radius, shape (wheels, 3).
       order: Assumed wheel of each column.
       signs: Assumed sign of each column, shape (wheels,).
@@ -193,13 +190,7 @@ def noisy(wheels: int) -> tuple[str, ...]:
 
 
 def robot_suspicions(runs: Sequence[Run], robot: Robot, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a robot.
-
-    Args:
-      runs: All runs.
-      robot: Places, directions and radius of the wheels.
-      beyond: Channels with values that the machine cannot reach.
-    """
+    """Yield contradictions between the channels of a robot; `beyond` as for `wrong_scales`."""
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
     count = len(robot.wheels)
     speeds = tuple(f"wheel_speed_{i}" for i in range(1, count + 1))

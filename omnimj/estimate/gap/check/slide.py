@@ -77,13 +77,7 @@ def is_slide(machine: Machine) -> bool:
 def slide_suspicions(
     runs: Sequence[Run], machine: Machine, beyond: Sequence[str] = ()
 ) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a slide.
-
-    Args:
-      runs: All runs.
-      machine: Declares mass and force of the actuator.
-      beyond: Channels with values that the machine cannot reach.
-    """
+    """Yield contradictions between the channels of a slide; `beyond` as for `wrong_scales`."""
     slide = _slide(runs, machine)
     pair = velocity_comparison(runs, machine.joints[0])
     links = []

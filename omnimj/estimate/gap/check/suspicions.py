@@ -124,8 +124,6 @@ def unit_of(
     """Known factor next to an estimated one, and its name; (0, "") if none is near.
 
     Args:
-      factor: Estimated factor.
-      channel: Name of the channel.
       more: Factors of the machine, such as its gear, for angles.
       near: Largest |log| distance.
     """
@@ -160,7 +158,6 @@ def wrong_scales(
     """Smallest set of channels whose scale must change for all links to agree.
 
     Args:
-      links: Links between channels.
       more: Factors of the machine, such as its gear, for angles.
       beyond: Channels with values that the machine cannot reach; the set includes them.
     """

@@ -208,9 +208,6 @@ def sign_ratio(rule: Rule, energy: np.ndarray, among: BlockMask, signed: np.ndar
     The other sign is the mirror image of the rule's range.
 
     Args:
-      rule: Range of a signed variable.
-      energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Mask of the blocks to use, shape (blocks,).
       signed: Values of the variable, shape (blocks,).
     """
     low, high = _ends(rule)

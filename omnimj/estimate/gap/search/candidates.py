@@ -78,8 +78,6 @@ def fit_candidate(
     """Fit the model with one more effect and cross-validate it.
 
     Args:
-      current: The model so far.
-      screened: The candidate with its starting point.
       again: First fit of the candidate, to be completed; None for the first fit.
     """
     start, known = (screened.start, current.fit.jacobian) if again is None else (again.x, None)
@@ -207,7 +205,6 @@ def has_shape_at_bound(candidate: CandidateEffect, values: Array) -> bool:
     """True if a shape parameter is at a bound: a sticky place as wide as the guide is none.
 
     Args:
-      candidate: The effect.
       values: Its parameters, shape (parameters,).
     """
     return any(
@@ -222,7 +219,6 @@ def pinned_amplitudes(candidate: CandidateEffect, values: Array) -> list[int]:
     The null value has one, and so has a scale of 0: what it scales is absent.
 
     Args:
-      candidate: The effect.
       values: Its parameters, shape (parameters,).
     """
     return [

@@ -108,8 +108,6 @@ def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -
     """Resample all runs to a common clock, smooth them, and cut them into stretches, windows and blocks.
 
     Args:
-      runs: Runs of the machine.
-      parts: Its measured joints, inputs and sensors.
       window: Length of a free window [s].
 
     Raises:

@@ -206,12 +206,7 @@ class MachineReplay:
         return machine_experiments(self._machine, self.spans)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict the inputs that a motion needs, shape (blocks, channels) per setting; other channels NaN.
-
-        Args:
-          settings: Parameter values, one prediction each.
-          experiment: One of `candidate_experiments`.
-        """
+        """Predict the inputs that a motion needs, (blocks, channels) per setting; other channels NaN."""
         log = moved_log(self.log, self.parts.joints, self.spans, experiment)
         stated = added_masses(self._machine, experiment)
         dynamics = Dynamics(self._machine, log, self.parts.sensors, stated)
@@ -403,7 +398,7 @@ class MachineReplay:
         for name, share in zip(self.parts.joints, 1.0 - inside.mean(axis=0), strict=True):
             if share > _NOTED:
                 words = f"position of {name}: {100.0 * share:.2g} % of its windows is left out"
-                yield f"{words}, where an unstable motion makes the error of their start grow"
+                yield f"{words} because unstable motion amplifies the error of their start"
 
     def _compared_inputs(self) -> Array:
         """Measured inputs; of position servos the following error u + g (k_q q + k_v dq/dt)/k, shape (n, j).

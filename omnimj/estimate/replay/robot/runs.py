@@ -146,7 +146,6 @@ def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> Ro
 
     Args:
       values: Values of every channel at each step, shape (steps, 12).
-      floor: Its floor.
       mass: Declared mass [kg].
       like: Gives sizes of blocks and windows.
     """

@@ -278,7 +278,7 @@ def _marker_angle(floor: str) -> BaseParameter:
 
 
 def _turned_back(velocity: Array, angle: float) -> Array:
-    """Velocity as a heading shows it that reads too much by an angle, shape (blocks, 2)."""
+    """Velocity in the body frame if the heading reads too high by an angle, shape (blocks, 2)."""
     cos, sin = np.cos(angle), np.sin(angle)
     ahead, left = velocity.T
     return np.column_stack([cos * ahead + sin * left, cos * left - sin * ahead])
