@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from omnimj.errors import InputError
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar_rig import PlanarRig
-from omnimj.recording.dataset import Run
+from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import RIG_CHANNELS, Array
 from omnimj.simulate.compiled.row import RIG_COLUMNS
 from omnimj.simulate.compiled.run import CompiledRigRun, compiled_rig_loop
@@ -18,6 +19,8 @@ from omnimj.simulate.compiled.run import CompiledRigRun, compiled_rig_loop
 CHANNELS = ("wheel_speed", "carriage_speed", "carriage_acceleration", "current")
 """Measured channels: [rad/s], [m/s], [m/s²], [A]."""
 WHEEL, CARRIAGE, ACCELERATION, CURRENT = range(len(CHANNELS))
+FLOOR_FRICTION = "the floor's friction is identified on the test rig"
+DISSERTATION_TABLE = "the table of the dissertation needs rig runs"
 AT_REST = 5e-3
 """Speed below which the carriage stands [m/s]."""
 _TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
@@ -86,6 +89,16 @@ class RigRun:
         else:
             size, sign = np.quantile(np.abs(self.values[:, CURRENT]), 0.9), self.values[:, CURRENT].mean()
         return float(np.copysign(size, sign))
+
+
+def require_rig(dataset: Dataset, task: str) -> None:
+    """Check that a dataset is one of the rig, as a task needs it, in words.
+
+    Raises:
+      InputError: It is not.
+    """
+    if dataset.plant != "quarter_rig":
+        raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", f"{task}, plant 'quarter_rig'")
 
 
 def rig_run(run: Run, period: float) -> RigRun:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+
+Progress = Callable[[int, int], None]
+"""Called with the number of completed parts and the number of all."""
 
 
 @functools.cache
@@ -53,3 +56,19 @@ def map_in_threads(
     for helper in begun:
         helper.result()
     return results
+
+
+def completed_in_threads(
+    function: Callable[[_T], Iterable[_R]], arguments: Sequence[_T], each: int, progress: Progress | None
+) -> tuple[list[_R], bool]:
+    """Results of a function that has `each` of them per argument, and whether Ctrl-C left some out."""
+    done: list[_R] = []
+    try:
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the plants step without the interpreter
+            for own in pool.map(function, arguments):
+                done.extend(own)
+                if progress is not None:
+                    progress(len(done), len(arguments) * each)
+    except KeyboardInterrupt:
+        return done, True
+    return done, False

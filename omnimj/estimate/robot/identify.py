@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from omnimj.estimate.robot.quantities import estimates
 from omnimj.estimate.robot.records import RobotIdentification
 from omnimj.estimate.robot.uncertainty import doubt_by_wheel_inertia, doubt_of
 from omnimj.estimate.robot.unknowns import Unknowns, unknowns
+from omnimj.estimate.threads import Progress
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
@@ -30,9 +31,6 @@ LEAST_MOTION = 20.0
 _FEW_RUNS = 4
 _SLOWER = 1.5  # samples of the controller per sample of a log
 _MUCH_ALIASING = 0.03  # doubt of the yaw inertia by aliasing from which it is noted, relative
-
-Progress = Callable[[int, int], None]
-"""Called with the finished steps and the number of all steps."""
 
 
 def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = None) -> RobotIdentification:
