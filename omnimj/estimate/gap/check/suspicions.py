@@ -132,6 +132,12 @@ def unit_of(
     return known if abs(np.log(abs(factor) / known[0])) <= near else (0.0, "")
 
 
+def late(channel: str, delay: float, allowed: float, against: str, rivals: tuple[str, ...] = ()) -> Suspicion:
+    """A channel that is late against another one by more than is allowed [s]."""
+    words = f"{channel} is {1e3 * delay:.1f} ms late against {against}"
+    return Suspicion(channel, "delay", delay, delay / allowed, words, rivals)
+
+
 def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
     """Smallest set of channels whose sign must be reversed for all links to be positive."""
     signs = {(link.x, link.y): np.sign(link.scale or 0.0) for link in links}
