@@ -181,7 +181,15 @@ def at_least(covariance: Array, least: Array) -> Array:
     return turned * np.maximum(ratios, 1.0) @ turned.T
 
 
-def finite_rms(values: Array) -> float:
-    """√(mean of squares) of the finite values of an array of any shape; NaN without any."""
+def finite_rms(values: Array, without: float = float("nan")) -> float:
+    """√(mean of squares) of the finite values of an array of any shape; a given number without any."""
     counted = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(counted**2))) if len(counted) else float("nan")
+    return float(np.sqrt(np.mean(counted**2))) if len(counted) else without
+
+
+def channel_rms(mismatch: Array) -> Array:
+    """√(mean of squares) over known blocks, (blocks, channels) → (channels,); NaN where all are masked."""
+    known = np.isfinite(mismatch)
+    squares = np.where(known, mismatch, 0.0) ** 2
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(squares.sum(axis=0) / known.sum(axis=0))

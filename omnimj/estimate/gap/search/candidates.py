@@ -11,6 +11,7 @@ import numpy as np
 from omnimj.effects import Interval
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
 from omnimj.estimate.gap.search.screening import ScreenedCandidate
+from omnimj.estimate.intervals import finite_rms
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit
 from omnimj.estimate.threads import map_in_threads
@@ -64,7 +65,7 @@ class CurrentModel:
 def training_rms(problem: Problem, fitted: Fit, split: TrainingSplit) -> float:
     """Training mismatch of a model, RMS over all channels in units of noise."""
     is_measured = np.isfinite(problem.replay.measured[split.used])
-    return float(np.sqrt((fitted.residual[split.used][is_measured] ** 2).mean()))
+    return finite_rms(fitted.residual[split.used][is_measured])
 
 
 def exceeds_margin(gained: Interval) -> bool:
