@@ -16,8 +16,6 @@ FIRST, LAST, FIRST_BLOCK = range(3)
 WINDOW = 3
 """Columns of the table of free windows: samples first … last − 1, and the first row of blocks."""
 
-_GAP = 3.5  # sample periods between two samples from which on a gap is assumed
-
 
 def white_noise(values: Sequence[Array]) -> float:
     """Deviation of white noise by third differences of stretches; that of quantisation where it is larger."""
@@ -30,10 +28,10 @@ def white_noise(values: Sequence[Array]) -> float:
     return max(spread, smallest / np.sqrt(12.0), 1e-9 * scale)
 
 
-def split_at_gaps(run: Run, period: float) -> list[slice]:
-    """Split a run at its gaps."""
-    cuts = np.flatnonzero(np.diff(run.time) > _GAP * period) + 1
-    edges = [0, *cuts.tolist(), len(run.time)]
+def split_at_gaps(time: Array, longest: float) -> list[slice]:
+    """Split a run where it has no sample for longer than a time [s]."""
+    cuts = np.flatnonzero(np.diff(time) > longest) + 1
+    edges = [0, *cuts.tolist(), len(time)]
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.estimate.intervals import channel_rms
 from omnimj.estimate.robot.balance import predicted_accelerations
 from omnimj.estimate.robot.blocks import RunRows, robot_rows
 from omnimj.estimate.robot.creep import identify_creep
@@ -148,8 +148,7 @@ def _misfit(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
         rest = residuals(fit.unknowns, fit.x, run)
         rest[:, :2] += one.bias
         parts.append(rest[run.good & ~run.still & (run.slowest > 1.5).all(axis=1)])
-    together = np.concatenate(parts)
-    return np.sqrt(np.mean(together**2, axis=0)) if len(together) else np.full(3, math.nan)
+    return channel_rms(np.concatenate(parts))
 
 
 def _noise(fit: RobotFit, rows: Sequence[RunRows]) -> Mapping[str, float]:

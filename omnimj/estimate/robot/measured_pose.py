@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from omnimj.control.robot_constants import RobotConstants
 from omnimj.estimate.robot.smoothing import Smoother, sample_noise
+from omnimj.physics.kinematics import turned
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
@@ -127,13 +128,8 @@ def motion_of_pose(samples: PoseSamples, smoother: Smoother, late: float) -> Bod
     heading = derivative(0)[2] + samples.pose[0, 2]
     vx, vy, yaw_rate = derivative(1)
     ax, ay, yaw_acceleration = derivative(2)
-    cos, sin = np.cos(heading), np.sin(heading)
-    return BodyMotion(
-        np.column_stack([cos * ax + sin * ay, cos * ay - sin * ax]),
-        yaw_rate,
-        yaw_acceleration,
-        np.column_stack([cos * vx + sin * vy, cos * vy - sin * vx]),
-    )
+    acceleration, velocity = (turned(np.column_stack(xy), -heading) for xy in ((ax, ay), (vx, vy)))
+    return BodyMotion(acceleration, yaw_rate, yaw_acceleration, velocity)
 
 
 def delay_behind_wheels(samples: PoseSamples, speeds: Array, smoother: Smoother, c: RobotConstants) -> float:

@@ -74,7 +74,7 @@ class Dynamics:
         machine: Machine,
         log: MachineLog,
         sensors: tuple[str, ...],
-        stated: Sequence[Mapping[Part, float]] = (),
+        stated: Sequence[Mapping[Part, float]],
     ):
         """Prepare the models.
 

@@ -55,7 +55,7 @@ class RigidBodies:
         machine: Machine,
         stretches: Sequence[Sequence[int]],
         sensors: Sequence[str],
-        stated: Sequence[Mapping[Part, float]] = (),
+        stated: Sequence[Mapping[Part, float]],
     ):
         """Prepare the models.
 
