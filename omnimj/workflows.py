@@ -23,9 +23,9 @@ from omnimj.estimate.drives.validate import validate_drives
 from omnimj.estimate.gap.check.acceptance import sound_dataset, sound_logs
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.identification.identify import identify as identify_dataset
-from omnimj.estimate.identification.identify import require_rig
 from omnimj.estimate.identification.records import Identification, Validation
 from omnimj.estimate.identification.validation import validate as validate_dataset
+from omnimj.estimate.rig_runs import DISSERTATION_TABLE, FLOOR_FRICTION, require_rig
 from omnimj.estimate.robot.identify import identify_robot, require_robot
 from omnimj.estimate.robot.records import RobotIdentification
 from omnimj.parameters import Floor, read_rig, read_robot
@@ -147,7 +147,7 @@ def identify(
         require_robot(read, robot)
         return identify_robot(sound_dataset(read, robot, accept)[0], robot)
     rig = read_rig(model)
-    require_rig(read)
+    require_rig(read, FLOOR_FRICTION)
     sound, _ = sound_dataset(read, rig, accept)
     return identify_dataset(sound, rig)
 
@@ -184,7 +184,7 @@ def validate(
         robot = read_robot(model)
         return validate_drives(read, robot, known, plants)
     rig = read_rig(model)
-    require_rig(read)
+    require_rig(read, DISSERTATION_TABLE)
     sound, _ = sound_dataset(read, rig, accept)
     return validate_dataset(sound, rig, known, plants)
 

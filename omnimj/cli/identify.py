@@ -94,7 +94,8 @@ def _identify_dataset(arguments: Any) -> tuple[Identification | RobotIdentificat
     """Identify every floor or the robot of a dataset, and write all files."""
     from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
     from omnimj.estimate.identification.files import identification_content
-    from omnimj.estimate.identification.identify import identify, require_rig
+    from omnimj.estimate.identification.identify import identify
+    from omnimj.estimate.rig_runs import FLOOR_FRICTION, require_rig
     from omnimj.parameters import read_rig
     from omnimj.recording.folder import check_folder
     from omnimj.recording.read_dataset import read_dataset
@@ -104,7 +105,7 @@ def _identify_dataset(arguments: Any) -> tuple[Identification | RobotIdentificat
     if dataset.plant == "uto_robot":
         return identify_robot_dataset(arguments, dataset)
     rig = read_rig(arguments.model)
-    require_rig(dataset)
+    require_rig(dataset, FLOOR_FRICTION)
     dataset, check = sound_dataset(dataset, rig, arguments.accept)
     with progress_bar(arguments) as bar:
         found = identify(dataset, rig, bar.show)
@@ -203,11 +204,12 @@ def _validate_rig_dataset(
 ) -> int:
     from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
     from omnimj.estimate.identification.files import validation_content
-    from omnimj.estimate.identification.validation import require_rig, validate
+    from omnimj.estimate.identification.validation import validate
+    from omnimj.estimate.rig_runs import DISSERTATION_TABLE, require_rig
     from omnimj.parameters import read_rig
 
     rig = read_rig(arguments.model)
-    require_rig(dataset)
+    require_rig(dataset, DISSERTATION_TABLE)
     if arguments.recording is not None:
         found, rule = f"found {arguments.recording!r}", "only drives of a robot are recorded: leave it out"
         raise InputError("--recording", found, rule)

@@ -1,4 +1,7 @@
-"""Noise of block means, effective number of samples, and intervals that hold for coloured noise."""
+"""Noise of block means, effective number of samples, and intervals that hold for coloured noise.
+
+A mismatch is measured − simulated, shape (blocks, channels).
+"""
 
 from __future__ import annotations
 
@@ -32,11 +35,6 @@ def jackknife_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_])
     conditions (MacKinnon and White 1985), and misfit that repeats within a condition counts once. No δ_g
     leads out of the parameters' bounds: in a direction that the data leave open, or where they press against
     a bound, the changes would otherwise be far larger than what the model file states.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The fitted model.
-      used: Blocks that it was fitted to, shape (blocks,).
 
     Returns:
       Shape (parameters,), in the parameters' own units; Student's t for as many conditions.
@@ -94,13 +92,6 @@ def repeatability(replay: Replay, mismatch: Array) -> Array:
 
     The differences are taken between mismatches, so that known differences of the inputs cancel: for repeats
     a, b var = Σ (m_a − m_b)²/2n.
-
-    Args:
-      replay: Gives segments and conditions.
-      mismatch: Measured − simulated, shape (blocks, channels).
-
-    Returns:
-      Shape (channels,).
     """
     by_condition: dict[tuple[str, int], list] = defaultdict(list)
     seen: dict[tuple[str, str], int] = defaultdict(int)
@@ -128,13 +119,6 @@ def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
 
     For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ²; the median is robust to starts and reversals.
     Blocks without any mismatch, where dry friction holds a joint whatever drives it, do not count.
-
-    Args:
-      replay: Gives the segments.
-      mismatch: Measured − simulated, shape (blocks, channels).
-
-    Returns:
-      Shape (channels,).
     """
     known = np.where(mismatch == 0.0, np.nan, mismatch)
     bends = [
@@ -154,13 +138,6 @@ def block_noise(replay: Replay, mismatch: Array) -> Array:
 
     The larger of repeatability and neighbour noise, combined with a small share of the channel's own RMS
     and the known error of the equations on a healthy machine.
-
-    Args:
-      replay: Gives segments, measurement and channels.
-      mismatch: Measured − simulated, shape (blocks, channels).
-
-    Returns:
-      Shape (channels,) [unit of the channel].
     """
     floor = np.nan_to_num(repeatability(replay, mismatch))
     own = np.sqrt(np.nanmean(replay.measured**2, axis=0))
@@ -175,11 +152,7 @@ def effective_samples(replay: Replay, whitened: Array) -> float:
     The sum ends where the autocorrelation ρ_k first falls below 0.05.
 
     Args:
-      replay: Gives the segments; different segments are taken as uncorrelated.
       whitened: Mismatch in units of noise, shape (blocks, channels), 0 where masked.
-
-    Returns:
-      N_eff, summed over the channels.
     """
     total = 0.0
     for c in range(whitened.shape[1]):
@@ -208,11 +181,15 @@ def at_least(covariance: Array, least: Array) -> Array:
     return turned * np.maximum(ratios, 1.0) @ turned.T
 
 
-def finite_rms(values: Array) -> float:
-    """Compute √(mean of squares) of the finite values; NaN without any.
-
-    Args:
-      values: Values of any shape.
-    """
+def finite_rms(values: Array, without: float = float("nan")) -> float:
+    """√(mean of squares) of the finite values of an array of any shape; a given number without any."""
     counted = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(counted**2))) if len(counted) else float("nan")
+    return float(np.sqrt(np.mean(counted**2))) if len(counted) else without
+
+
+def channel_rms(mismatch: Array) -> Array:
+    """√(mean of squares) over known blocks, (blocks, channels) → (channels,); NaN where all are masked."""
+    known = np.isfinite(mismatch)
+    squares = np.where(known, mismatch, 0.0) ** 2
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(squares.sum(axis=0) / known.sum(axis=0))

@@ -120,11 +120,9 @@ def minimise(
     longest: float = np.inf,
     ridge: float = 1e-9,
 ) -> Minimum[J]:
-    """Minimise the loss of a problem.
+    """Minimise the loss of a problem from a point of shape (n,).
 
     Args:
-      problem: The problem.
-      start: Initial point, shape (n,).
       rounds: Largest number of Jacobians.
       known: Jacobian of the leading parameters near the start, if already computed.
       tolerance: Relative decrease of the loss below which the minimisation ends.
@@ -227,16 +225,7 @@ def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
 
 @kernel
 def weighted_gram(jacobian, residual, weight):
-    """Compute [J r]ᵀ W² [J r]; for tall, narrow matrices faster than a multithreaded BLAS.
-
-    Args:
-      jacobian: J, shape (rows, n).
-      residual: r, shape (rows,).
-      weight: Diagonal of W, shape (rows,).
-
-    Returns:
-      Shape (n + 1, n + 1).
-    """
+    """`normal_equations`; for tall, narrow matrices faster than a multithreaded BLAS."""
     rows, n = jacobian.shape
     sums = np.zeros((n + 1, n + 1))
     row = np.empty(n + 1)

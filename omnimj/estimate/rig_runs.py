@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from omnimj.errors import InputError
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar_rig import PlanarRig
-from omnimj.recording.dataset import Run
+from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import RIG_CHANNELS, Array
 from omnimj.simulate.compiled.row import RIG_COLUMNS
 from omnimj.simulate.compiled.run import CompiledRigRun, compiled_rig_loop
@@ -18,6 +19,8 @@ from omnimj.simulate.compiled.run import CompiledRigRun, compiled_rig_loop
 CHANNELS = ("wheel_speed", "carriage_speed", "carriage_acceleration", "current")
 """Measured channels: [rad/s], [m/s], [m/s²], [A]."""
 WHEEL, CARRIAGE, ACCELERATION, CURRENT = range(len(CHANNELS))
+FLOOR_FRICTION = "the floor's friction is identified on the test rig"
+DISSERTATION_TABLE = "the table of the dissertation needs rig runs"
 AT_REST = 5e-3
 """Speed below which the carriage stands [m/s]."""
 _TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
@@ -88,14 +91,20 @@ class RigRun:
         return float(np.copysign(size, sign))
 
 
+def require_rig(dataset: Dataset, task: str) -> None:
+    """Check that a dataset is one of the rig, as a task needs it, in words.
+
+    Raises:
+      InputError: It is not.
+    """
+    if dataset.plant != "quarter_rig":
+        raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", f"{task}, plant 'quarter_rig'")
+
+
 def rig_run(run: Run, period: float) -> RigRun:
-    """Resample a run of a dataset to an even grid.
+    """Resample a run with `floor` and `mass` among its conditions to an even grid with a period [s].
 
     Masked samples are bridged by straight lines, so that inputs have no holes, and marked as not measured.
-
-    Args:
-      run: Run with the columns of the rig, and `floor` and `mass` among its conditions.
-      period: Period of the grid [s].
     """
     time = run.time - run.time[0]
     grid = period * np.arange(int(np.floor(time[-1] / period + 1e-6)) + 1, dtype=np.float64)
@@ -148,7 +157,6 @@ def drive_by_currents(plant: PlanarRig | RigTwin, current: Array, start_speeds: 
     """Drive a plant with measured currents.
 
     Args:
-      plant: Rig with ideal sensors.
       current: Motor current at every sample, shape (k,) [A].
       start_speeds: Speeds of carriage [m/s] and wheel [rad/s] at the start; both 0 for a start from rest.
 

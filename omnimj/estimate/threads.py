@@ -1,15 +1,18 @@
-"""Threads for simulations side by side, shared by everything in a process that simulates at the same time."""
+"""One thread pool for all simulations of a process."""
 
 from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+
+Progress = Callable[[int, int], None]
+"""Called with the number of completed parts and the number of all."""
 
 
 @functools.cache
@@ -30,7 +33,6 @@ def map_in_threads(
 
     Args:
       function: Function of one argument; an exception ends the map and propagates.
-      arguments: The arguments.
       threads: Number of threads at most; the machine's cores when None.
 
     Returns:
@@ -54,3 +56,19 @@ def map_in_threads(
     for helper in begun:
         helper.result()
     return results
+
+
+def completed_in_threads(
+    function: Callable[[_T], Iterable[_R]], arguments: Sequence[_T], each: int, progress: Progress | None
+) -> tuple[list[_R], bool]:
+    """Results of a function that has `each` of them per argument, and whether Ctrl-C left some out."""
+    done: list[_R] = []
+    try:
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the plants step without the interpreter
+            for own in pool.map(function, arguments):
+                done.extend(own)
+                if progress is not None:
+                    progress(len(done), len(arguments) * each)
+    except KeyboardInterrupt:
+        return done, True
+    return done, False

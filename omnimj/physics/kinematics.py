@@ -29,6 +29,13 @@ def rolling_matrix(positions: ArrayLike, directions: ArrayLike) -> Array:
     return np.column_stack([u, p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]])
 
 
+def turned(vectors: Array, angle: Array | float) -> Array:
+    """Vectors turned by an angle each or by the same one [rad], shape (k, 2) as before."""
+    x, y = vectors.T
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y])
+
+
 def published_jacobian(yaw: float, wheel_distance: float) -> Array:
     """Published forward map J of Eq. 3.5, shape (3, 4): world twist = J V.
 

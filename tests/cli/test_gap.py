@@ -16,7 +16,7 @@ from made_findings import FINDINGS, rig_named, rig_unexplained
 
 from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.estimate.gap.files import new_model_text
+from omnimj.estimate.gap.files import new_model_files
 from omnimj.estimate.gap.find import held_out_conditions
 from omnimj.estimate.gap.records import Refitted
 from omnimj.parameters import read_floors, read_rig
@@ -150,11 +150,9 @@ def test_floors_of_an_earlier_search_do_not_stay_beside_a_new_one(capsys, tmp_pa
 
 
 def test_an_effect_that_the_model_has_already_comes_on_top(tmp_path):
-    text = new_model_text(rig_named())
-    assert text is not None
+    text = new_model_files(rig_named())["model.toml"]
     (tmp_path / "first.toml").write_text(text, encoding="utf-8")
-    again = new_model_text(rig_named(), tmp_path / "first.toml")
-    assert again is not None
+    again = new_model_files(rig_named(), tmp_path / "first.toml")["model.toml"]
     (tmp_path / "second.toml").write_text(again, encoding="utf-8")
     assert set(read_rig(tmp_path / "second.toml").effects) == {"lateral_coupling", "lateral_coupling_2"}
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omnimj.estimate.drives.records import DrivenRun, Group, Motion, RunNumbers
 from omnimj.estimate.intervals import finite_rms
 from omnimj.parameters import Robot
-from omnimj.physics.kinematics import rolling_matrix
+from omnimj.physics.kinematics import rolling_matrix, turned
 from omnimj.signals import Array
 
 FEWEST_RUNS = 4
@@ -42,16 +42,14 @@ def marker_angle(runs: Sequence[DrivenRun]) -> float | None:
 
 
 def with_marker(run: DrivenRun, angle: float) -> DrivenRun:
-    """The run with its simulated path as a camera sees it that takes a heading which reads too much.
+    """The run with its simulated path as the camera sees it if the heading reads too high by an angle.
 
     Args:
       run: A run whose simulation began at the measured heading.
       angle: By which the marker is turned on the robot [rad].
     """
     start, pose = run.simulated.pose[0, :2], run.simulated.pose.copy()
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = (pose[:, :2] - start).T
-    pose[:, :2] = start + np.column_stack([cos * x + sin * y, cos * y - sin * x])
+    pose[:, :2] = start + turned(pose[:, :2] - start, -angle)
     return replace(run, simulated=Motion(pose, run.simulated.currents))
 
 
@@ -64,8 +62,8 @@ def mean_velocity(run: DrivenRun, motion: Motion) -> Array:
     if keep.sum() < 2:
         return np.full(3, np.nan)
     time, moved = run.time[keep], body_steps(motion.pose[keep])
-    turned = motion.pose[keep][-1, 2] - motion.pose[keep][0, 2]
-    return np.array([*moved.sum(axis=0), turned]) / (time[-1] - time[0])
+    rotation = motion.pose[keep][-1, 2] - motion.pose[keep][0, 2]
+    return np.array([*moved.sum(axis=0), rotation]) / (time[-1] - time[0])
 
 
 def velocity_course(run: DrivenRun, motion: Motion) -> Array:
@@ -86,9 +84,7 @@ def velocity_course(run: DrivenRun, motion: Motion) -> Array:
 def body_steps(pose: Array) -> Array:
     """Displacements from pose to pose in the body frame, shape (k − 1, 2) [m]."""
     middle = 0.5 * (pose[1:, 2] + pose[:-1, 2])
-    x, y = np.diff(pose[:, :2], axis=0).T
-    cos, sin = np.cos(middle), np.sin(middle)
-    return np.column_stack([cos * x + sin * y, cos * y - sin * x])
+    return turned(np.diff(pose[:, :2], axis=0), -middle)
 
 
 def run_numbers(run: DrivenRun, robot: Robot) -> RunNumbers:
@@ -118,11 +114,9 @@ def run_numbers(run: DrivenRun, robot: Robot) -> RunNumbers:
 
 def _dead_reckoned(measured: Array, simulated: Array) -> Array:
     """End of a path of the simulated velocities along the measured heading, shape (2,) [m]."""
-    moved = body_steps(simulated)
     middle = 0.5 * (measured[1:, 2] + measured[:-1, 2])
-    cos, sin = np.cos(middle), np.sin(middle)
-    x, y = moved.T
-    return measured[0, :2] + np.array([np.sum(cos * x - sin * y), np.sum(sin * x + cos * y)])
+    moved = turned(body_steps(simulated), middle)
+    return measured[0, :2] + np.array([np.sum(column) for column in moved.T])
 
 
 def _length(time: Array, pose: Array) -> float:

@@ -37,8 +37,6 @@ class DrivenRun:
     """As camera and monitors of the model show it, from the measured start on."""
     counted_from: float
     """Time from which means are taken [s]."""
-    wheel_error: float
-    """RMS difference of the simulated wheel speeds to those followed, from `counted_from` on [rad/s]."""
 
 
 @dataclass(frozen=True)

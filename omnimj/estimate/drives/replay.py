@@ -10,7 +10,7 @@ from omnimj.effects import ChannelEffect, apply_effects
 from omnimj.errors import InputError, SimulationError
 from omnimj.estimate.drives.records import DrivenRun, Motion
 from omnimj.parameters import Floor, Robot
-from omnimj.physics.kinematics import rolling_matrix
+from omnimj.physics.kinematics import rolling_matrix, turned
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array, Trace
 from omnimj.simulate.driving import follow_wheel_speeds
@@ -88,13 +88,7 @@ def _follow(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor]) ->
 
 
 def replay_drive(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor]) -> DrivenRun:
-    """Simulate a measured run on one plant.
-
-    Args:
-      plant: `twin`, `planar` or `rolling`.
-      drive: From `measured_drive`.
-      robot: The model, with its effects.
-      floors: Floors by name.
+    """Simulate a measured run on one plant: `twin`, `planar` or `rolling`.
 
     Raises:
       SimulationError: The simulation left finite numbers.
@@ -103,15 +97,13 @@ def replay_drive(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor
     changed = apply_effects(robot)
     now = drive.run.time[0] + np.arange(len(drive.targets)) / robot.sensors.sample_rate
     if plant == ROLLING:
-        pose, currents, speeds = _rolled(drive, robot), np.full(drive.targets.shape, np.nan), drive.targets
+        pose, currents = _rolled(drive, robot), np.full(drive.targets.shape, np.nan)
     else:
         trace = _follow(plant, drive, robot, floors)
         pose = np.column_stack([trace["x"], trace["y"], trace["heading"]])
-        currents, speeds = trace.wheels("current")[:, :n], trace.wheels("wheel_speed")[:, :n]
+        currents = trace.wheels("current")[:, :n]
     scale = changed.channels.get("x", ChannelEffect()).scale
     pose[:, :2] = drive.start[:2] + scale * (pose[:, :2] - drive.start[:2])
-    begins = _counted_from(now, drive.targets, robot.wheel.radius)
-    counted = now >= begins
     measured = Motion(
         _unwrapped(run.unmasked(("x", "y", "heading"))), run.unmasked(wheel_names("current", n))
     )
@@ -123,10 +115,7 @@ def replay_drive(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor
         wheel_speed=_sampled(run.time, now, drive.targets),
         measured=measured,
         simulated=Motion(_sampled(run.time, now, pose), _sampled(run.time, now, currents)),
-        counted_from=begins,
-        wheel_error=float(np.sqrt(np.mean((speeds - drive.targets)[counted] ** 2)))
-        if counted.any()
-        else np.nan,
+        counted_from=_counted_from(now, drive.targets, robot.wheel.radius),
     )
 
 
@@ -135,10 +124,9 @@ def _rolled(drive: Drive, robot: Robot) -> Array:
     inverse = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     twist = robot.wheel.radius * drive.targets @ inverse.T / robot.sensors.sample_rate
     x, y, heading = drive.start
-    turned = heading + np.cumsum(twist[:, 2]) - 0.5 * twist[:, 2]
-    cos, sin = np.cos(turned), np.sin(turned)
-    moved = np.column_stack([cos * twist[:, 0] - sin * twist[:, 1], sin * twist[:, 0] + cos * twist[:, 1]])
-    return np.column_stack([np.array([x, y]) + np.cumsum(moved, axis=0), turned])
+    headings = heading + np.cumsum(twist[:, 2]) - 0.5 * twist[:, 2]
+    moved = turned(twist[:, :2], headings)
+    return np.column_stack([np.array([x, y]) + np.cumsum(moved, axis=0), headings])
 
 
 def _counted_from(time: Array, speeds: Array, radius: float) -> float:

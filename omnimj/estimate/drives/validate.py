@@ -5,9 +5,7 @@ Nothing is fitted but the angle by which the marker is turned on the robot, one 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import omnimj
@@ -21,13 +19,13 @@ from omnimj.estimate.replay.base_parameters import floor_name
 from omnimj.estimate.robot.blocks import robot_rows
 from omnimj.estimate.robot.identify import require_robot
 from omnimj.estimate.robot.pose_check import require_like_motion
+from omnimj.estimate.threads import Progress, completed_in_threads
 from omnimj.parameters import Floor, Robot
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.json_files import rounded_values
 
 PLANTS = ("twin", "planar")
 """Plants that can be driven by wheel speeds."""
-Progress = Callable[[int, int], None]
 
 
 def require_drives(dataset: Dataset, robot: Robot) -> None:
@@ -56,13 +54,6 @@ def validate_drives(
 
     Ctrl-C keeps the completed runs.
 
-    Args:
-      dataset: Runs with a measured pose.
-      robot: The model, with its effects.
-      floors: Floors by name.
-      plants: Some of `PLANTS`.
-      progress: Called with the completed simulations and the number of all.
-
     Raises:
       InputError: Runs without a measured pose or floor, or of a robot with other wheels.
       UnknownNameError: No such plant or floor.
@@ -74,17 +65,9 @@ def validate_drives(
             raise UnknownNameError("--plant", "plant", plant, PLANTS)
     known, kinds = dict(floors), (*plants, ROLLING)
     drives = [measured_drive(run, robot, floor_name(dataset, run, floors)) for run in dataset.runs]
-    done: list[DrivenRun] = []
-    interrupted = False
-    try:
-        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the plants step without the interpreter
-            replays = pool.map(lambda drive: [replay_drive(p, drive, robot, known) for p in kinds], drives)
-            for own in replays:
-                done.extend(own)
-                if progress is not None:
-                    progress(len(done), len(drives) * len(kinds))
-    except KeyboardInterrupt:
-        interrupted = True
+    done, interrupted = completed_in_threads(
+        lambda drive: [replay_drive(p, drive, robot, known) for p in kinds], drives, len(kinds), progress
+    )
     return judged(dataset, robot, kinds, done, interrupted)
 
 
@@ -95,15 +78,7 @@ def judged(
     runs: Sequence[DrivenRun],
     interrupted: bool = False,
 ) -> DriveValidation:
-    """Judge simulated drives: the marker's angle on each floor, numbers of the runs and of their groups.
-
-    Args:
-      dataset: Their dataset.
-      robot: The model.
-      plants: Names of the plants.
-      runs: The runs on all of them.
-      interrupted: Whether runs are missing.
-    """
+    """Judge simulated drives: the marker's angle on each floor, numbers of the runs and of their groups."""
     declared = apply_effects(robot).channels.get("heading", ChannelEffect()).offset
     floors = tuple(dict.fromkeys(run.floor for run in runs))
     marker: dict[str, dict[str, float | None]] = {

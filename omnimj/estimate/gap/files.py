@@ -44,7 +44,6 @@ def digest(
     """Content of `gap.json`: every number of the report, nothing that JSON cannot hold.
 
     Args:
-      finding: The finding.
       new_model: File name of the new model in the same folder; None if there is none.
       new_floors: File name of the refitted floors in the same folder; None if there are none.
       command: Command that repeats the work.
@@ -102,17 +101,8 @@ def _interval(interval: Interval) -> dict[str, Any]:
 
 
 def _effect(effect: NamedEffect) -> dict[str, Any]:
-    return {
-        "effect": effect.effect,
-        "words": effect.words,
-        "parameters": {
-            name: {**_interval(value), "unit": value.unit} for name, value in effect.parameters.items()
-        },
-        "selectors": dict(effect.selectors),
-        "indistinguishable_from": list(effect.indistinguishable_from),
-        "gain": _interval(effect.gain),
-        "p_false": effect.p_false,
-    }
+    parameters = {name: {**_interval(value), "unit": value.unit} for name, value in effect.parameters.items()}
+    return {**vars(effect), "parameters": parameters, "gain": _interval(effect.gain)}
 
 
 def _place(place: MismatchRegime) -> dict[str, Any]:
@@ -145,54 +135,29 @@ def _stage(stage: Stage) -> dict[str, Any]:
     }
 
 
-def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
-    """Text of the model file with the named effects and refitted values.
-
-    Values that are no quantity of the model file are left out: the numbers of a floor (see
-    `new_floors_text`), the lag of a channel, the scale of the masses given by the runs.
-
-    Args:
-      finding: The finding.
-      file: Model file from which the search began; the shipped one when None.
-
-    Returns:
-      None where no effect was named.
-
-    Raises:
-      InputError: The file's text cannot be changed.
-    """
-    if not finding.effects:
-        return None
-    machine = find_plant(finding.plant).read(file)
-    return format_model(
-        machine.file, effect_tables(finding.effects, machine.effects), _changed(finding, machine)
-    )
-
-
 def new_model_files(finding: Finding, file: Path | None = None) -> dict[str, str]:
-    """Files of the new model, the one to give to `--model` first; empty where no effect was named.
+    """Files of the model with the named effects and refitted values: file name → text; empty without a name.
+
+    The first is the one to give to `--model`. Values that are no quantity of the model file are left out:
+    numbers of a floor (see `new_floors_text`), lags of channels, the scale of the masses given by the runs.
 
     Args:
-      finding: The finding.
       file: Model file from which the search began; the shipped one when None.
-
-    Returns:
-      File name → text.
 
     Raises:
       InputError: A file's text cannot be changed.
     """
-    if finding.plant != MJCF:
-        text = new_model_text(finding, file)
-        return {} if text is None else {"model.toml": text}
     if not finding.effects:
         return {}
+    machine = find_plant(finding.plant).read(file)
+    tables = effect_tables(finding.effects, machine.effects)
+    if finding.plant != MJCF:
+        return {"model.toml": format_model(machine.file, tables, _changed(finding, machine))}
     from omnimj.plant.mujoco.machine_writer import new_machine_files  # loads MuJoCo
 
-    machine = find_plant(finding.plant).read(file)
     fitted = {p.name: p.fitted for p in finding.refitted if _is_changed(p)}
     own = {one.part: fitted[one.name] for one in machine.uncertain if one.name in fitted}
-    return new_machine_files(machine, own, effect_tables(finding.effects, machine.effects), "model")
+    return new_machine_files(machine, own, tables, "model")
 
 
 def new_floors_text(finding: Finding, floors: Mapping[str, Floor], file: Path | None = None) -> str | None:
@@ -201,7 +166,6 @@ def new_floors_text(finding: Finding, floors: Mapping[str, Floor], file: Path | 
     Effects of one floor have become numbers of this floor.
 
     Args:
-      finding: The finding.
       floors: Floors from which the search began, by name.
       file: Model file from which the search began; the shipped one when None.
 
@@ -251,7 +215,6 @@ def effect_tables(
     floor are left out: they become numbers of this floor.
 
     Args:
-      effects: Named effects.
       present: Tables that the file has already; new effects are added to them.
     """
     tables: dict[str, dict[str, float | int | str | Interval]] = {}

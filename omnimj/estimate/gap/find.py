@@ -28,7 +28,7 @@ from omnimj.estimate.gap.search.search import SearchResult, search
 from omnimj.estimate.gap.search.selection import Progress
 from omnimj.estimate.gap.search.uncertainty import parameter_reach
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
-from omnimj.estimate.intervals import effective_samples, repeatability
+from omnimj.estimate.intervals import channel_rms, effective_samples, finite_rms, repeatability
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.estimate.replay.steady.replay import SteadyReplay
@@ -91,8 +91,6 @@ def analyse_replay(
     """Find where simulation and measurement disagree, and what the model lacks.
 
     Args:
-      replay: The plant with the measured runs.
-      about: Facts about the dataset.
       holdout: Conditions excluded from every fit; drawn by the seed when empty.
       seed: Seed of the held-out draw, the folds and the decoys.
       report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the
@@ -240,20 +238,14 @@ def _interval_of_quotient(a: float, half_a: float, b: float, half_b: float) -> t
     return min(ends), max(ends)
 
 
-def _rms(mismatch: Array, rows: NDArray[np.bool_]) -> list[float]:
-    part = mismatch[rows]
-    counts = np.maximum(np.isfinite(part).sum(axis=0), 1)
-    return np.sqrt(np.nansum(part**2, axis=0) / counts).tolist()
-
-
 def _gaps(
     found: SearchResult, before: Array, after: Array | None, rows: NDArray[np.bool_]
 ) -> dict[str, ChannelGap]:
-    """RMS per channel before, after and between repeats."""
+    """RMS per channel before, after and between repeats; 0 where nothing was measured."""
     replay = found.problem.replay
     floor = repeatability(replay, before if after is None else after)
-    first = _rms(before, rows)
-    second = [None] * len(first) if after is None else _rms(after, rows)
+    first = np.nan_to_num(channel_rms(before[rows])).tolist()
+    second = [None] * len(first) if after is None else np.nan_to_num(channel_rms(after[rows])).tolist()
     return {
         channel.name: ChannelGap(b, a, float(f) if np.isfinite(f) else None)
         for channel, b, a, f in zip(replay.channels, first, second, floor, strict=True)
@@ -262,9 +254,7 @@ def _gaps(
 
 def _in_noise(found: SearchResult, mismatch: Array) -> float:
     """Held-out mismatch, RMS over all channels in units of noise."""
-    parts = mismatch[~found.used] / found.problem.noise
-    known = parts[np.isfinite(parts)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+    return finite_rms(mismatch[~found.used] / found.problem.noise, without=0.0)
 
 
 def _next(found: SearchResult, verdict: Verdict):

@@ -11,6 +11,7 @@ import numpy as np
 
 from omnimj.display import Displayed
 from omnimj.effects import Interval
+from omnimj.estimate.intervals import channel_rms, finite_rms
 from omnimj.estimate.replay.steady.traction import TractionCurves
 from omnimj.signals import Array
 
@@ -295,25 +296,6 @@ def _of_run(finding: Finding, run: str, windows: Sequence[Overlay], second: bool
         windows[0].conditions,
         dict(zip(names, before.tolist(), strict=True)),
         None if after is None else dict(zip(names, after.tolist(), strict=True)),
-        _total(before / noise),
-        None if after is None else _total(after / noise),
+        finite_rms(before / noise),
+        None if after is None else finite_rms(after / noise),
     )
-
-
-def channel_rms(mismatch: Array) -> Array:
-    """√(mean of squares) of every channel over the blocks that are not masked, NaN where all are.
-
-    Args:
-      mismatch: Shape (blocks, channels).
-
-    Returns:
-      Shape (channels,).
-    """
-    known = np.isfinite(mismatch)
-    squares = np.where(known, mismatch, 0.0) ** 2
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(squares.sum(axis=0) / known.sum(axis=0))
-
-
-def _total(in_noise: Array) -> float:
-    return float(channel_rms(in_noise[np.isfinite(in_noise)][:, None])[0])

@@ -256,16 +256,18 @@ def next_step(finding: Finding) -> str:
     if finding.next_experiment:
         return as_sentence(f"To tell them apart: {finding.next_experiment.get('why', '')}")
     if finding.verdict == "unexplained" and finding.tolerated:
-        return "Drive faster, heavier or longer: an effect of the machine grows, and can then be named."
+        return "Drive faster, with more load or for longer: a real effect then grows and can be named."
     if finding.verdict == "unexplained" and finding.undetermined is not None:
         narrower = "state the uncertain constants of the model file more closely"
-        return f"Drive faster, heavier or longer, or {narrower}, to determine {finding.undetermined.label}."
+        more = f"Drive faster, with more load or for longer, or {narrower}"
+        return f"{more}, to determine {finding.undetermined.label}."
     found = finding.outside
     outside = "" if found is None else f"Look for {found.words}: {found.causes}."
     if finding.verdict == "unexplained":
         return outside or _summarize_free_curve(finding)
     if finding.verdict == "no_gap":
-        return "Nothing: drive faster, heavier or longer to look for effects that these runs do not excite."
+        more = "drive faster, with more load or for longer"
+        return f"Nothing: {more} to look for effects that these runs do not excite."
     return f"Use the new model. {outside or _summarize_remainder(finding)}".rstrip()
 
 

@@ -23,13 +23,14 @@ from omnimj.estimate.gap.search.screening import curve_gains
 from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import join_words, variable_words
+from omnimj.estimate.intervals import finite_rms
 from omnimj.estimate.replay.interface import CandidateEffect, Structure
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 MIN_EXPLAINED = 0.88
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
 TOLERANCE = 0.1
-"""Share of its typical size up to which an effect is within what the equations of a machine are trusted for:
+"""Share of its typical size below which an effect lies within the model error of the equations:
 every real machine deviates by so little from any law of friction, gear or motor."""
 MIN_REDUCTION = 0.5
 """Smallest share of all mismatch above the noise (squared, held out) that they must remove."""
@@ -56,8 +57,6 @@ class Verdict:
 
     kind: str
     reason: str
-    explained: float | None
-    """Share of the explainable mismatch that the effects remove; None without effects."""
     flexible: dict[str, float]
     """Variable → gain of a free curve of it beyond the last model."""
     remains: float
@@ -115,13 +114,13 @@ def _judge_effects(found: SearchResult) -> Verdict:
         refusal, tolerated = _within_tolerance(found)
     largest = channel_sizes(found, found.base).max(initial=0.0)
     if refusal is not None and achieved.was <= NOISE_LEVEL and largest <= COMPLETE:
-        return Verdict("no_gap", _format_noise(achieved.was), None, flexible, achieved.was)
+        return Verdict("no_gap", _format_noise(achieved.was), flexible, achieved.was)
     if refusal is not None:
-        return Verdict("unexplained", refusal, achieved.explained, flexible, achieved.was, tolerated)
+        return Verdict("unexplained", refusal, flexible, achieved.was, tolerated)
     rest = _heldout_rms(found, found.described.residual)
     words = f"{_format_explained(achieved)}; {rest:.2g} × the noise remains"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
-    return Verdict(kind, words, achieved.explained, flexible, rest)
+    return Verdict(kind, words, flexible, rest)
 
 
 def _is_faint(found: SearchResult) -> bool:
@@ -149,7 +148,7 @@ def _nothing_named(found: SearchResult) -> Verdict:
         if found.named:
             gains = (f"{one.candidate.label} gains {100.0 * one.gain.value:.2g} %" for one in found.named)
             reason = f"{reason}; {', '.join(gains)}, too little to be named within it"
-        return Verdict("no_gap", reason, None, flexible, size)
+        return Verdict("no_gap", reason, flexible, size)
     best = max([0.0, *flexible.values()])
     left = next((one for one in found.given_up if one.is_undetermined), None)
     if left is None:
@@ -157,7 +156,7 @@ def _nothing_named(found: SearchResult) -> Verdict:
     else:
         gained = f"{left.label} gains {100.0 * left.gain.value:.0f} % on held-out runs, but {left.reason}"
     reason = f"the mismatch is {size:.2g} × its noise, {gained}; a free curve gains {100.0 * best:.0f} %"
-    return Verdict("unexplained", reason, None, flexible, size, undetermined=left)
+    return Verdict("unexplained", reason, flexible, size, undetermined=left)
 
 
 def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]:
@@ -249,16 +248,15 @@ def share_at_bounds(found: SearchResult) -> float:
 
 def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
     """RMS over held-out blocks that are not masked, in units of noise."""
-    out = residual[~found.used]
-    valid = np.isfinite(found.problem.replay.measured[~found.used])
-    return float(np.sqrt((out[valid] ** 2).mean())) if valid.any() else 0.0
+    valid = np.isfinite(found.problem.replay.measured) & ~found.used[:, None]
+    return finite_rms(residual[valid], without=0.0)
 
 
 def channel_sizes(found: SearchResult, model: Fit) -> np.ndarray:
     """Held-out RMS mismatch in units of noise of each channel that has such samples, shape (channels,)."""
     valid = np.isfinite(found.problem.replay.measured) & ~found.used[:, None]
     channels = zip(model.residual.T, valid.T, strict=True)
-    return np.array([float(np.sqrt(np.mean(one[rows] ** 2))) for one, rows in channels if rows.any()])
+    return np.array([finite_rms(one[rows]) for one, rows in channels if rows.any()])
 
 
 def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit]]) -> dict[str, Any] | None:

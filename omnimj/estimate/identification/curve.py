@@ -22,40 +22,18 @@ _EPSILON = 1e-4
 
 
 def stribeck(shared: Array, slip: Array) -> Array:
-    """g(V_r) [1], Eq. 3.43.
-
-    Args:
-      shared: Logarithms of the parameters, shape (SHARED,).
-      slip: V_r, shape (n,) [m/s].
-
-    Returns:
-      Shape (n,).
-    """
+    """g(V_r) [1], Eq. 3.43, at V_r of shape (n,) [m/s]; `shared` are logarithms, shape (SHARED,)."""
     mu_c, mu_s, speed = np.exp(shared[[MU_C, MU_S, V_S]])
     return mu_c + (mu_s - mu_c) * np.exp(-np.sqrt(np.abs(slip) / speed))
 
 
 def steady_curve(shared: Array, slip: Array) -> Array:
-    """F/F_N = g(V_r) sign V_r + σ2 V_r [1].
-
-    Args:
-      shared: Logarithms of the parameters, shape (SHARED,).
-      slip: V_r, shape (n,) [m/s].
-
-    Returns:
-      Shape (n,).
-    """
+    """F/F_N = g(V_r) sign V_r + σ2 V_r [1]; shapes as for `stribeck`."""
     return stribeck(shared, slip) * np.sign(slip) + np.exp(shared[SIGMA_2]) * slip
 
 
 def slope(function, shared: Array, slip: Array) -> Array:
-    """Derivative of a curve with respect to the shared unknowns, shape (slips, SHARED).
-
-    Args:
-      function: `stribeck` or `steady_curve`.
-      shared: Logarithms of the parameters, shape (SHARED,).
-      slip: V_r, shape (slips,) [m/s].
-    """
+    """Derivative of `stribeck` or `steady_curve` by the shared unknowns, shape (slips, SHARED)."""
     steps = _EPSILON * np.eye(len(shared))
     return np.stack(
         [(function(shared + s, slip) - function(shared - s, slip)) / (2 * _EPSILON) for s in steps], 1
@@ -76,10 +54,6 @@ def points(fit: FloorFit) -> Points:
 
 def measured_points(run: CarriageRun, radius: float) -> tuple[Array, Array]:
     """Block means by Eq. (4.26): V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1].
-
-    Args:
-      run: The run.
-      radius: Rolling radius [m].
 
     Returns:
       V_r and F/F_N in blocks, each of shape (m,); NaN where not measured.

@@ -72,10 +72,6 @@ def _floor(floor: IdentifiedFloor) -> dict[str, Any]:
         "law": "lugre",
         "parameters": {e.name: _estimate(e) for e in floor.estimates},
         "undetermined": list(floor.undetermined),
-        "directions": [
-            {"weights": dict(d.weights), "relative_spread": rounded(d.relative_spread)}
-            for d in floor.directions
-        ],
         "slip_range": [rounded(end) for end in curve.covered],
         "curve": _curve(curve),
         "rms": {name: rounded(value) for name, value in floor.rms.items()},

@@ -57,7 +57,6 @@ class Whitening:
         """Whiten a residual; missing samples must be 0.
 
         Args:
-          residual: Residual of one channel, shape (m,).
           channel: 0 for speed, 1 for acceleration.
         """
         white = residual.copy()
@@ -85,7 +84,10 @@ class RunJacobian:
 
 @dataclass(frozen=True)
 class FloorProblem:
-    """Least-squares problem of one floor: its runs and the noise of their residuals."""
+    """Least-squares problem of one floor: its runs and the noise of their residuals.
+
+    Its unknowns are `shared`, shape (SHARED,), and the deviation of each run's own radius, `own`, (runs,).
+    """
 
     runs: tuple[CarriageRun, ...]
     bias_spread: float
@@ -93,12 +95,7 @@ class FloorProblem:
     whitening: Whitening = FIRST_WHITENING
 
     def simulated(self, shared: Array, own: Array) -> list[Array]:
-        """Simulate every run; block means of shape (m, carriage.BLOCK) each.
-
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
-        """
+        """Simulate every run; block means of shape (m, carriage.BLOCK) each."""
         floor = lugre(np.exp(shared[:RADIUS_SCALE]))
         return [
             run.pull(floor, float(np.exp(shared[RADIUS_SCALE] + off)))
@@ -106,12 +103,7 @@ class FloorProblem:
         ]
 
     def residuals(self, shared: Array, own: Array) -> list[Array]:
-        """Whitened residuals of every run, its own radius and bias among them.
-
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
-        """
+        """Whitened residuals of every run, its own radius and bias among them."""
         return [
             self._whitened(run, blocks, off)
             for run, blocks, off in zip(self.runs, self.simulated(shared, own), own, strict=True)
@@ -128,12 +120,7 @@ class FloorProblem:
         return np.concatenate((speed, felt - ones * bias, [bias / self.bias_spread, off / RADIUS_SPREAD]))
 
     def jacobians(self, shared: Array, own: Array) -> list[RunJacobian]:
-        """Central differences of `residuals`, one Jacobian per run.
-
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
-        """
+        """Central differences of `residuals`, one Jacobian per run."""
         columns = []
         for k in range(SHARED):
             step = np.zeros(SHARED)
@@ -148,12 +135,7 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """Return the problem with the noise estimated from the residuals of a fit.
-
-        Args:
-          shared: Fitted shared unknowns, shape (SHARED,).
-          own: Fitted radius deviation of each run, shape (runs,).
-        """
+        """Return the problem with the noise estimated from the residuals of a fit."""
         errors: tuple[list[Array], list[Array]] = ([], [])
         for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
             for channel, found in enumerate(errors):
@@ -171,14 +153,7 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Compute the residuals of the weak prior.
-
-    Args:
-      shared: Shared unknowns, shape (SHARED,).
-
-    Returns:
-      Shape (SHARED,), in standard deviations of the prior.
-    """
+    """Residuals of the weak prior in its standard deviations, shape (SHARED,)."""
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 
@@ -225,8 +200,6 @@ def solve_floor(
     """Fit the floor from one starting point.
 
     Args:
-      problem: The runs.
-      start: Initial shared unknowns, shape (SHARED,).
       own: Initial deviations of the radius, shape (runs,); zero when None.
       basis: Directions along which the shared unknowns may move, shape (SHARED, p); all when None.
     """
@@ -309,12 +282,7 @@ class _SolverView:
 
 
 def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
-    """Best fit out of several starting values of V_s.
-
-    Args:
-      problem: The runs.
-      start: Initial shared unknowns, shape (SHARED,).
-    """
+    """Best fit out of several starting values of V_s."""
     fits = []
     for speed in _STARTS:
         begin = start.copy()

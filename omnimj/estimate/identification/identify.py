@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,10 +41,10 @@ from omnimj.estimate.identification.uncertainty import (
     fit_covariance,
     has_stribeck,
     known_uncertainty,
-    loose_directions,
 )
 from omnimj.estimate.intervals import finite_rms
-from omnimj.estimate.rig_runs import RigRun, rig_run
+from omnimj.estimate.rig_runs import FLOOR_FRICTION, RigRun, require_rig, rig_run
+from omnimj.estimate.threads import Progress
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Dataset
 
@@ -54,20 +54,6 @@ _CURVE_POINTS = 60
 _LEAST_SLIP = 5e-4  # [m/s] start of the plotted curve
 _MOST_SLIP = 0.1  # [m/s] its end when no run slides
 
-Progress = Callable[[int, int], None]
-
-
-def require_rig(dataset: Dataset) -> None:
-    """Check that a dataset is one of the rig.
-
-    Raises:
-      InputError: It is not.
-    """
-    if dataset.plant != "quarter_rig":
-        place = f"{dataset.path}: plant"
-        rule = "the floor's friction is identified on the test rig, plant 'quarter_rig'"
-        raise InputError(place, f"found {dataset.plant!r}", rule)
-
 
 def rig_runs(dataset: Dataset, rig: Rig) -> list[RigRun]:
     """Runs of a dataset on the rig's control period.
@@ -75,7 +61,7 @@ def rig_runs(dataset: Dataset, rig: Rig) -> list[RigRun]:
     Raises:
       InputError: The dataset is not one of the rig.
     """
-    require_rig(dataset)
+    require_rig(dataset, FLOOR_FRICTION)
     return [rig_run(run, 1.0 / rig.sensors.sample_rate) for run in dataset.runs]
 
 
@@ -128,7 +114,6 @@ def identify_floor(floor: str, runs: Sequence[CarriageRun], rig: Rig, place: Pat
         floor=floor,
         estimates=estimates,
         undetermined=describe_undetermined(floor, fit, doubt, estimates, covered, shows_stribeck),
-        directions=loose_directions(doubt),
         curve=_curve(fit, doubt, covered),
         points=seen,
         residuals=(residuals := _residuals(fit)),

@@ -41,16 +41,6 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Direction:
-    """Poorly determined combination of parameters."""
-
-    weights: Mapping[str, float]
-    """Parameter → share of a relative change, a unit vector over the logarithms."""
-    relative_spread: float
-    """Standard deviation along it, as a relative change (1: a factor e)."""
-
-
-@dataclass(frozen=True)
 class Points:
     """Block means of the measurement by Eq. (4.26), for plots."""
 
@@ -103,7 +93,6 @@ class IdentifiedFloor:
     estimates: tuple[Estimate, ...]
     undetermined: tuple[str, ...]
     """One sentence for each aspect that the runs leave open."""
-    directions: tuple[Direction, ...]
     curve: SteadyCurve
     points: Points
     residuals: tuple[RunResidual, ...]

@@ -21,7 +21,6 @@ from scipy.optimize import root_scalar
 from omnimj.estimate.identification.curve import slope, stribeck
 from omnimj.estimate.identification.floor_fit import (
     PRIOR_JACOBIAN,
-    RADIUS_SCALE,
     V_S,
     FloorFit,
     FloorProblem,
@@ -29,7 +28,7 @@ from omnimj.estimate.identification.floor_fit import (
     solve_with_fixed,
     solve_without_stribeck,
 )
-from omnimj.estimate.identification.records import CONFIDENCE, PARAMETERS, UNITS, Direction, Estimate
+from omnimj.estimate.identification.records import CONFIDENCE, UNITS, Estimate
 from omnimj.estimate.intervals import at_least
 from omnimj.parameters import Rig
 from omnimj.signals import Array
@@ -44,8 +43,6 @@ _NARROW = 0.02  # the same limit for parameters that are hard to separate: μ_c,
 _WALK = (0.2, 0.5, 1.0, 2.0, 4.0)
 """Steps in a logarithm away from the estimate; a parameter without an end within e⁴ ≈ 55 is open."""
 _END = 0.01  # accuracy of the end of a profile interval relative to the step beyond it
-_LOOSE = 0.5  # smallest relative spread of a reported direction
-_SMALL_SHARE = 0.15  # smallest reported weight
 _ROUGH = 2.0  # high over low of an interval above which a number is rough
 _FRICTION = ("mu_c", "mu_s", "V_s")
 _WHY = {
@@ -87,14 +84,7 @@ class FitCovariance:
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
 
     def half_width(self, direction: Array) -> Array:
-        """Half-width of the interval of linear combinations.
-
-        Args:
-          direction: Coefficients, shape (n, SHARED).
-
-        Returns:
-          Shape (n,).
-        """
+        """Half-width of the interval of linear combinations: coefficients (n, SHARED) → (n,)."""
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 
@@ -183,20 +173,6 @@ def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> 
     return None
 
 
-def loose_directions(spread: FitCovariance) -> tuple[Direction, ...]:
-    """Combinations of the parameters with a large standard deviation, largest first."""
-    spreads, vectors = np.linalg.eigh(spread.total[:RADIUS_SCALE, :RADIUS_SCALE])
-    found = []
-    for variance, vector in zip(spreads[::-1], vectors.T[::-1], strict=True):
-        if variance < _LOOSE**2:
-            break
-        vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
-        shares = zip(PARAMETERS, vector.tolist(), strict=True)
-        weights = {name: round(share, 3) for name, share in shares if abs(share) > _SMALL_SHARE}
-        found.append(Direction(weights, float(np.sqrt(variance))))
-    return tuple(found)
-
-
 def describe_undetermined(
     floor: str,
     fit: FloorFit,
@@ -208,10 +184,6 @@ def describe_undetermined(
     """Describe what the runs leave open, one sentence each.
 
     Args:
-      floor: Name of the floor.
-      fit: Its fit.
-      spread: Covariance of the fit.
-      estimates: Parameters with intervals.
       covered: Slip covered by the runs [m/s]; None where they never slide.
       shows_stribeck: True if the runs show that g depends on slip.
     """

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +14,17 @@ from omnimj.effects import apply_effects
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.estimate.identification.records import Cell, ReplayedRun, Validation
 from omnimj.estimate.intervals import finite_rms
-from omnimj.estimate.rig_runs import CARRIAGE, CURRENT, WHEEL, RigRun, drive_by_currents, rig_run
+from omnimj.estimate.rig_runs import (
+    CARRIAGE,
+    CURRENT,
+    DISSERTATION_TABLE,
+    WHEEL,
+    RigRun,
+    drive_by_currents,
+    require_rig,
+    rig_run,
+)
+from omnimj.estimate.threads import Progress, completed_in_threads
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.twin import RigTwin
@@ -74,7 +82,6 @@ TABLE_4_4: Mapping[float, tuple[float, ...]] = MappingProxyType(
 _MASS, _CURRENT, _LATERAL = 0.02, 0.03, 0.03  # [kg, A, m/s] tolerance of a measured condition
 PLANTS = ("twin", "planar")
 """Plants for the replay of measured currents."""
-Progress = Callable[[int, int], None]
 _SET_VALUE_GRID, _LATERAL_GRID = 0.05, 0.05  # [A, m/s] grid of test plans …
 _NEAR = 0.015  # … and largest distance of a measured value from it
 _FLOOR_ORDER = ("natural_stone", "pvc", "paperboard")
@@ -84,7 +91,6 @@ def published_errors(floor: str, mass: float, lateral_speed: float, current: flo
     """Look up the RMS speed errors printed in the dissertation for a condition.
 
     Args:
-      floor: Name of the floor.
       mass: Mass m_T of the quarter body [kg].
       lateral_speed: Speed of the gantry [m/s].
       current: Motor current [A].
@@ -127,12 +133,6 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -
     """Simulate one run, from rest or from the measured speeds where the data begin in motion.
 
     Both simulated speeds pass the sensors' speed filter, so that they lag as the measured ones do.
-
-    Args:
-      rig: The model, with its effects.
-      floors: Floors by name.
-      run: Run on the rig's control period.
-      plant: `twin` or `planar`.
 
     Raises:
       InputError: No such floor, or a mass that the rig cannot have.
@@ -187,17 +187,6 @@ def _true_current(rig: Rig, run: RigRun) -> Array:
     return (on_time - change.offset) / change.scale
 
 
-def require_rig(dataset: Dataset) -> None:
-    """Check that a dataset is one of the rig.
-
-    Raises:
-      InputError: It is not.
-    """
-    if dataset.plant != "quarter_rig":
-        rule = "this version validates rig runs, plant 'quarter_rig'"
-        raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", rule)
-
-
 def validate(
     dataset: Dataset,
     rig: Rig,
@@ -209,32 +198,18 @@ def validate(
 
     Ctrl-C keeps the completed runs.
 
-    Args:
-      dataset: Rig runs.
-      rig: The model, with its effects.
-      floors: Floors by name.
-      plants: Some of `PLANTS`.
-      progress: Called with the completed replays and the number of all replays.
-
     Raises:
       InputError: Not a rig dataset, a mass that the rig cannot have, or no such floor.
       UnknownNameError: No such plant.
       SimulationError: The simulation left finite numbers.
     """
-    require_rig(dataset)
+    require_rig(dataset, DISSERTATION_TABLE)
     for plant in plants:
         if plant not in PLANTS:
             raise UnknownNameError("--plant", "plant", plant, PLANTS)
-    replayed: list[ReplayedRun] = []
-    interrupted, total = False, len(dataset.runs) * len(plants)
-    try:
-        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the plants step without the interpreter
-            for done in pool.map(lambda run: _replays(rig, floors, run, plants), dataset.runs):
-                replayed.extend(done)
-                if progress is not None:
-                    progress(len(replayed), total)
-    except KeyboardInterrupt:
-        interrupted = True
+    replayed, interrupted = completed_in_threads(
+        lambda run: _replays(rig, floors, run, plants), dataset.runs, len(plants), progress
+    )
     names = tuple(getattr(rig, "effects", {}))
     cells = table_cells(replayed)
     return Validation(

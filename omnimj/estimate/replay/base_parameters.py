@@ -65,14 +65,7 @@ def _scale(name: str, half: float, words: str) -> BaseParameter:
 def adjust_machine(
     machine: Machine, floors: Mapping[str, Floor], base: Sequence[BaseParameter], values: Array
 ) -> AdjustedMachine[Machine]:
-    """The machine with other values of its uncertain parameters.
-
-    Args:
-      machine: The model.
-      floors: Floors by name.
-      base: Uncertain parameters.
-      values: Their values, shape (len(base),).
-    """
+    """The machine with other values of its uncertain parameters, shape (len(base),)."""
     tables: dict[str, dict[str, float]] = {}
     scales: dict[str, dict[str, float]] = {}
     lags: dict[str, float] = {}
@@ -100,12 +93,7 @@ def adjust_machine(
 
 
 def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]]) -> Machine:
-    """The machine with further effects.
-
-    Args:
-      machine: Machine with the effects of its model file.
-      chosen: Candidates with the values of their parameters, shape (parameters,) each.
-    """
+    """The machine with further effects, given as candidates with values of shape (parameters,)."""
     effects: dict[str, dict[str, Any]] = {}
     for candidate, values in chosen:
         name = _free_name(candidate.effect, {*machine.effects, *effects})
@@ -135,7 +123,6 @@ def standing_constants(changed: AppliedEffects, mass: float) -> PlanarConstants:
     """Packed robot with its payload, which is moved inward if a wheel would lift off.
 
     Args:
-      changed: The robot with its effects.
       mass: Declared mass [kg].
     """
     robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))

@@ -54,7 +54,8 @@ class Segment:
     time: Array
     """Block centres, shape (last − first,) [s]."""
     is_repeat: bool = True
-    """False where runs of one condition are alike but do not repeat each other, such as near directions."""
+    """False where runs of one condition are similar but are no repeats, such as drives in neighbouring
+    directions."""
 
 
 @dataclass(frozen=True)
@@ -118,11 +119,7 @@ class CandidateEffect:
     """True for structure outside the library, which is described and not named."""
 
     def values(self, numbers: Array) -> dict[str, float]:
-        """Return the parameters of the effect by name.
-
-        Args:
-          numbers: Fitted numbers, shape (parameters,).
-        """
+        """Return the parameters of the effect, shape (parameters,), by name."""
         fitted = dict(
             zip([p.name for p in self.parameters], np.asarray(numbers, float).tolist(), strict=True)
         )
@@ -136,14 +133,7 @@ class CandidateEffect:
         return np.array([float(values[p.name]) * float(values.get(p.times, 1.0)) for p in self.parameters])
 
     def relative_size(self, values: Array) -> float:
-        """Compute the largest of its amplitudes over their typical sizes, |a − null| / |typical − null|.
-
-        Args:
-          values: Its fitted numbers, shape (parameters,).
-
-        Returns:
-          The size; infinite for an effect without amplitudes.
-        """
+        """Largest amplitude over its typical size, |a − null| / |typical − null|; infinite without any."""
         sizes = [
             abs(value - p.null_value) / abs(p.typical - p.null_value)
             for p, value in zip(self.parameters, values.tolist(), strict=True)
@@ -240,12 +230,7 @@ class Replay(Protocol):
 
 
 def average_blocks(values: Array, size: int) -> Array:
-    """Average `size` consecutive samples at a time; drop a remainder; NaN where any sample is NaN.
-
-    Args:
-      values: Shape (n,) or (n, channels).
-      size: Samples per block.
-    """
+    """Means of `size` consecutive rows of (n,) or (n, channels), NaN where one is; a remainder is dropped."""
     count = len(values) // size
     return np.asarray(values[: count * size]).reshape(count, size, *values.shape[1:]).mean(axis=1)
 
@@ -261,11 +246,8 @@ def candidate_effects(
     of an optional one none. Effects of a floor are candidates for each of `floors`, where these are given.
 
     Args:
-      plant: Name of the plant.
       spans: Range covered by the runs: `speed` and `position` → lowest, highest; shapes are tried inside.
       without: Labels that cannot show in these data (a channel that was not recorded).
-      wheels: Number of the machine's wheels.
-      floors: Names of the floors of the runs.
     """
     candidates = []
     for effect in effects_of(plant).values():

@@ -29,7 +29,11 @@ ModelEffects = tuple[CandidateEffect, ...]
 
 @dataclass(frozen=True)
 class Problem:
-    """Least-squares problem of a replay: data, noise and robust scale."""
+    """Least-squares problem of a replay: data, noise and robust scale.
+
+    Parameters x have the shape (n,), mismatches and residuals (blocks, channels), masks of the blocks that
+    count (blocks,), Jacobians (blocks × channels, parameters).
+    """
 
     replay: Replay
     noise: Array
@@ -50,8 +54,6 @@ class Problem:
         """Split a parameter vector into the setting of the replay and α.
 
         Args:
-          x: Parameters, shape (n,).
-          effects: Effects in the model.
           curve: Variable and force at the knots of a free curve, shape (KNOTS,); none when None.
         """
         n = len(self.replay.base)
@@ -85,7 +87,6 @@ class Problem:
         """Return the steps of finite differences, shape (n,), where that of a smooth parameter is given.
 
         Args:
-          effects: Effects in the model.
           fine: Step of a parameter that acts smoothly, over its scale.
         """
         steps = np.full(len(self.replay.base) + self.has_twin_share, fine)
@@ -110,10 +111,6 @@ class Problem:
         `spread`. The prior decides only what the data leave open: the share of an effect that the
         base's own uncertainty explains, and the place of a mass of which the data show the moment alone.
 
-        Args:
-          x: Parameters, shape (n,).
-          effects: Effects in the model.
-
         Returns:
           Precision and distance, both in the parameter's scale and of shape (n,); zero for α and for other
           parameters of effects.
@@ -137,13 +134,7 @@ class Problem:
         effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
-        """Compute measured − predicted, one array of shape (blocks, channels) per parameter vector.
-
-        Args:
-          xs: Parameter vectors, shape (n,) each.
-          effects: Effects in the model.
-          curves: Free curve of each vector; none when None.
-        """
+        """Compute measured − predicted for each parameter vector, with its own free curve where given."""
         curves = [None] * len(xs) if curves is None else curves
         parts = [self.split(x, effects, curve) for x, curve in zip(xs, curves, strict=True)]
         simulated = self.replay.simulate([setting for setting, _ in parts])
@@ -157,9 +148,6 @@ class Problem:
         """Express a mismatch in units of noise, 0 where masked; each run's offset is removed by its prior.
 
         A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks.
-
-        Args:
-          mismatch: Measured − predicted, shape (blocks, channels), NaN where masked.
         """
         r = np.nan_to_num(mismatch / self.noise)
         for c, channel in enumerate(self.replay.channels):
@@ -179,24 +167,11 @@ class Problem:
         effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
-        """Compute the whitened mismatches, shape (blocks, channels) each, 0 where masked.
-
-        Args:
-          xs: Parameter vectors, shape (n,) each.
-          effects: Effects in the model.
-          curves: As for `mismatches`.
-        """
+        """Compute the whitened mismatches, shape (blocks, channels) each, 0 where masked."""
         return [self.whitened(m) for m in self.mismatches(xs, effects, curves)]
 
     def losses(self, residual: Array) -> Array:
-        """Compute the pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1).
-
-        Args:
-          residual: Whitened mismatch r, shape (blocks, channels).
-
-        Returns:
-          Shape (blocks,).
-        """
+        """Compute the pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1)."""
         d = self.huber_scale
         return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
 
@@ -206,12 +181,7 @@ class Problem:
         The column of a parameter whose bounds are equal is 0.
 
         Args:
-          x: Parameters, shape (n,).
-          effects: Effects in the model.
           columns: Indices of the parameters to differentiate by; all when None.
-
-        Returns:
-          Shape (blocks × channels, columns).
         """
         low, high = self.bounds(effects)
         scales = self.scales(effects)
@@ -241,13 +211,6 @@ class Problem:
 
         Parameters that can only be told apart by the base's own bounds (a motor's constant, its resistance
         and the damping of its joint) seem determined by the errors of one-sided differences.
-
-        Args:
-          x: Parameters, shape (n,).
-          effects: Effects in the model.
-
-        Returns:
-          Shape (blocks × channels, n).
         """
         low, high = self.bounds(effects)
         step = self.difference_steps(effects, _CENTRAL_STEP)
@@ -263,16 +226,7 @@ class Problem:
 
 
 def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:
-    """Square roots of the weights of iteratively reweighted least squares.
-
-    Args:
-      problem: Gives the Huber scale.
-      residual: Whitened mismatch, shape (blocks, channels).
-      used: Blocks that count, shape (blocks,); the others get weight 0.
-
-    Returns:
-      Shape (blocks × channels,).
-    """
+    """Square roots of the weights of iteratively reweighted least squares, shape (blocks × channels,)."""
     w = (1.0 + (residual / problem.huber_scale) ** 2) ** -0.25
     return (w * used[:, None]).ravel()
 
@@ -305,14 +259,9 @@ def fit(
     rounds: int = 3,
     known: Array | None = None,
 ) -> Fit:
-    """Fit base, α and effects to the blocks in use.
+    """Fit base, α and effects from a start of shape (n,) to the blocks in use, shape (blocks,).
 
     Args:
-      problem: The data and the scale.
-      effects: Effects in the model.
-      start: Initial parameters, shape (n,).
-      used: Blocks that count, shape (blocks,).
-      rounds: Largest number of Jacobians.
       known: Jacobian of the leading parameters near the start, shape (blocks × channels, some), if already
         computed.
     """
@@ -326,11 +275,6 @@ def polish(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Fit:
     Along a valley in which parameters trade against each other, a mass against its distance, the loss falls
     too slowly for the fits of the search, which end earlier. Impacts leave no fine derivative along which a
     model with them could be polished.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The fitted model.
-      used: Blocks that count, shape (blocks,).
     """
     if any(candidate.has_impacts for candidate in fitted.effects):
         return fitted

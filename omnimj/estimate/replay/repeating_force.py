@@ -62,14 +62,7 @@ def repeating_forces(turn: float) -> tuple[RepeatingForce, ...]:
 def with_repeating_force(
     terms: Array, forces: tuple[RepeatingForce, ...], effects: Mapping[str, Array], turn: float
 ) -> Array:
-    """Packed effect terms, shape (TERMS,), with the force of a model; the same terms without one.
-
-    Args:
-      terms: Packed terms of the wheel.
-      forces: `repeating_forces`.
-      effects: Label → fitted numbers of the model's effects.
-      turn: Distance per turn of the wheel [m].
-    """
+    """Packed effect terms, shape (TERMS,), with the force of a model; the same terms without one."""
     rolled, rail = (force.label for force in forces)
     if rolled in effects:
         sine, cosine, period = effects[rolled].tolist()

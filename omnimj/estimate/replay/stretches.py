@@ -16,18 +16,9 @@ FIRST, LAST, FIRST_BLOCK = range(3)
 WINDOW = 3
 """Columns of the table of free windows: samples first … last − 1, and the first row of blocks."""
 
-_GAP = 3.5  # sample periods between two samples from which on a gap is assumed
-
 
 def white_noise(values: Sequence[Array]) -> float:
-    """Standard deviation of white noise from third differences; that of quantisation where it is larger.
-
-    Args:
-      values: Samples of a channel, shape (samples,) per stretch without gaps.
-
-    Returns:
-      Standard deviation, in the unit of the channel.
-    """
+    """Deviation of white noise by third differences of stretches; that of quantisation where it is larger."""
     changes = np.concatenate([np.diff(v, 3) for v in values])
     spread = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745 / np.sqrt(20.0)
     steps = np.concatenate([np.abs(np.diff(v)) for v in values])
@@ -37,10 +28,10 @@ def white_noise(values: Sequence[Array]) -> float:
     return max(spread, smallest / np.sqrt(12.0), 1e-9 * scale)
 
 
-def split_at_gaps(run: Run, period: float) -> list[slice]:
-    """Split a run at its gaps."""
-    cuts = np.flatnonzero(np.diff(run.time) > _GAP * period) + 1
-    edges = [0, *cuts.tolist(), len(run.time)]
+def split_at_gaps(time: Array, longest: float) -> list[slice]:
+    """Split a run where it has no sample for longer than a time [s]."""
+    cuts = np.flatnonzero(np.diff(time) > longest) + 1
+    edges = [0, *cuts.tolist(), len(time)]
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
@@ -50,8 +41,6 @@ def on_clock(
     """Resample a column, masked samples bridged by straight lines.
 
     Args:
-      run: The run, for its times and masks.
-      name: Name of the column.
       values: The column, shape (samples of the run,).
       part: Samples of a stretch without gaps.
       clock: Times to resample at, shape (k,) [s].
@@ -90,8 +79,6 @@ def block_means(values, windows, size, means):
 
     Args:
       values: Samples, shape (n, columns).
-      windows: Table of windows, shape (windows, WINDOW).
-      size: Samples per block.
       means: Filled with the block means, shape (blocks, columns).
     """
     for w in range(len(windows)):

@@ -119,10 +119,6 @@ def unknown_forces(c: RobotConstants, rows: RunRows) -> Array:
     A wheel that hardly turns holds whatever friction it likes, and rollers that hardly turn do so across;
     their forces are taken as unknown, many times as large as they can be, so that nothing is learnt along
     them.
-
-    Args:
-      c: Constants of the robot, nominal ones suffice.
-      rows: Rows of one run.
     """
     slow = rows.slowest < SLOW
     size = 3.0 * (c.dry + np.abs(c.torque * rows.current))

@@ -9,7 +9,6 @@ the yaw rate. The body's motion comes from the inertial unit, or from a measured
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from scipy.ndimage import minimum_filter1d
 
 from omnimj.control.robot_constants import robot_constants
 from omnimj.errors import InputError
+from omnimj.estimate.replay.stretches import split_at_gaps
 from omnimj.estimate.robot.measured_pose import (
     MOST_DELAY,
     POSE,
@@ -180,15 +180,11 @@ class _Stretch(NamedTuple):
 def _stretches(run: Run, robot: Robot, channels: Sequence[str], dataset: str) -> list[_Stretch]:
     place = f"{dataset}: run {run.name!r}"
     _require_channels(run, channels, place)
-    step = np.diff(run.time)
-    longest = max(_GAP, _GAP_PERIODS * float(np.median(step)))
-    cuts = [0, *(np.flatnonzero(step > longest) + 1).tolist(), len(run.time)]
-    found = []
-    for a, b in itertools.pairwise(cuts):
-        if b - a > 10 and run.time[b - 1] - run.time[a] >= _SHORTEST:
-            one = _stretch(run, slice(a, b), robot, channels)
-            if one is not None:
-                found.append(one)
+    longest = max(_GAP, _GAP_PERIODS * float(np.median(np.diff(run.time))))
+    parts = [(part, run.time[part]) for part in split_at_gaps(run.time, longest)]
+    long = [part for part, time in parts if len(time) > 10 and time[-1] - time[0] >= _SHORTEST]
+    stretches = (_stretch(run, part, robot, channels) for part in long)
+    found = [one for one in stretches if one is not None]
     if not found:
         raise InputError(place, "is too short", f"{_SHORTEST:g} s without a gap are needed")
     return found

@@ -90,13 +90,7 @@ def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
 
 
 def newton_step(unknowns: Unknowns, x: Array, sums: Sequence[RunSums]) -> Array:
-    """Gauss-Newton step from x, shape (p,).
-
-    Args:
-      unknowns: What is estimated, with its priors.
-      x: Deviations, shape (p,).
-      sums: Normal equations of the runs at x.
-    """
+    """Gauss-Newton step from x, shape (p,)."""
     precision = unknowns.spread**-2.0
     gram = np.sum([one.gram for one in sums], axis=0) + np.diag(precision)
     slope = np.sum([one.slope for one in sums], axis=0) + precision * x
@@ -138,14 +132,7 @@ def row_whitening(fit: RobotFit, run: RunRows) -> Array:
 
 
 def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:
-    """Normal equations of one run at x; its biases are eliminated (Schur complement).
-
-    Args:
-      unknowns: The p unknowns.
-      x: Their deviations, shape (p,).
-      noise: Noise of a row's residuals, shape (3,).
-      run: Rows of the run.
-    """
+    """Normal equations of one run at x with noise of shape (3,); biases are eliminated (Schur complement)."""
     whiten, p = _whitening(unknowns, noise, run), len(x)
     table = np.empty((len(run.time), 3, p + 3))
     table[:, :, :p] = _jacobian(unknowns, x, run)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.estimate.intervals import channel_rms
 from omnimj.estimate.robot.balance import predicted_accelerations
 from omnimj.estimate.robot.blocks import RunRows, robot_rows
 from omnimj.estimate.robot.creep import identify_creep
@@ -21,6 +21,7 @@ from omnimj.estimate.robot.quantities import estimates
 from omnimj.estimate.robot.records import RobotIdentification
 from omnimj.estimate.robot.uncertainty import doubt_by_wheel_inertia, doubt_of
 from omnimj.estimate.robot.unknowns import Unknowns, unknowns
+from omnimj.estimate.threads import Progress
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
@@ -30,9 +31,6 @@ LEAST_MOTION = 20.0
 _FEW_RUNS = 4
 _SLOWER = 1.5  # samples of the controller per sample of a log
 _MUCH_ALIASING = 0.03  # doubt of the yaw inertia by aliasing from which it is noted, relative
-
-Progress = Callable[[int, int], None]
-"""Called with the finished steps and the number of all steps."""
 
 
 def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = None) -> RobotIdentification:
@@ -44,8 +42,6 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
 
     Args:
       dataset: Runs without any fault, checked by `sound_dataset`.
-      robot: The robot of the model file, whose numbers and uncertainties are the prior.
-      progress: Progress callback.
 
     Raises:
       InputError: Not a robot, another number of wheels, a channel is missing, runs of different mass, or
@@ -72,7 +68,9 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     if float(np.linalg.norm(aliasing)) > _MUCH_ALIASING:
         notes.append("currents ripple faster than the log samples: the yaw inertia is uncertain, log faster")
     if len(rows) < _FEW_RUNS:
-        notes.append(f"{len(rows)} runs: intervals over whole runs need at least {_FEW_RUNS} of them")
+        notes.append(
+            f"{len(rows)} runs: intervals that leave out whole runs need at least {_FEW_RUNS} of them"
+        )
     result = RobotIdentification(
         dataset.path,
         robot,
@@ -130,9 +128,8 @@ def _with_stated_mass(dataset: Dataset, robot: Robot) -> tuple[Robot, bool]:
         return robot, False
     if len(stated) > 1:
         found = ", ".join("none" if mass is None else f"{float(mass):g} kg" for mass in stated)
-        raise InputError(
-            f"{dataset.path}: mass", f"found {found}", "all runs must be of one mass; identify them apart"
-        )
+        rule = "all runs must state the same mass; identify each mass separately"
+        raise InputError(f"{dataset.path}: mass", f"found {found}", rule)
     mass = float(stated.pop() or robot.body.mass)
     return replace(robot, body=replace(robot.body, mass=mass)), True
 
@@ -151,8 +148,7 @@ def _misfit(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
         rest = residuals(fit.unknowns, fit.x, run)
         rest[:, :2] += one.bias
         parts.append(rest[run.good & ~run.still & (run.slowest > 1.5).all(axis=1)])
-    together = np.concatenate(parts)
-    return np.sqrt(np.mean(together**2, axis=0)) if len(together) else np.full(3, math.nan)
+    return channel_rms(np.concatenate(parts))
 
 
 def _noise(fit: RobotFit, rows: Sequence[RunRows]) -> Mapping[str, float]:

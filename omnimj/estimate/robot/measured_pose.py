@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from omnimj.control.robot_constants import RobotConstants
 from omnimj.estimate.robot.smoothing import Smoother, sample_noise
+from omnimj.physics.kinematics import turned
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
@@ -114,13 +115,7 @@ class BodyMotion(NamedTuple):
 
 
 def motion_of_pose(samples: PoseSamples, smoother: Smoother, late: float) -> BodyMotion:
-    """Motion of the body from its measured pose.
-
-    Args:
-      samples: New poses of a stretch.
-      smoother: The filter of all channels.
-      late: Delay of the pose [s].
-    """
+    """Motion of the body from its measured pose, whose delay [s] is taken back."""
     # straight lines between pictures are a low pass themselves, of variance T²/6
     line = (samples.period**2 - smoother.period**2) / 6.0
     width = math.sqrt(max(smoother.width**2 - line, 0.25 * smoother.width**2))
@@ -133,13 +128,8 @@ def motion_of_pose(samples: PoseSamples, smoother: Smoother, late: float) -> Bod
     heading = derivative(0)[2] + samples.pose[0, 2]
     vx, vy, yaw_rate = derivative(1)
     ax, ay, yaw_acceleration = derivative(2)
-    cos, sin = np.cos(heading), np.sin(heading)
-    return BodyMotion(
-        np.column_stack([cos * ax + sin * ay, cos * ay - sin * ax]),
-        yaw_rate,
-        yaw_acceleration,
-        np.column_stack([cos * vx + sin * vy, cos * vy - sin * vx]),
-    )
+    acceleration, velocity = (turned(np.column_stack(xy), -heading) for xy in ((ax, ay), (vx, vy)))
+    return BodyMotion(acceleration, yaw_rate, yaw_acceleration, velocity)
 
 
 def delay_behind_wheels(samples: PoseSamples, speeds: Array, smoother: Smoother, c: RobotConstants) -> float:
@@ -148,10 +138,7 @@ def delay_behind_wheels(samples: PoseSamples, speeds: Array, smoother: Smoother,
     Minimises the mean square of r φ̇ − A·twist(t + delay) over the rows.
 
     Args:
-      samples: New poses of a stretch.
       speeds: Wheel speeds at the rows, their own delay taken back, shape (m, n) [rad/s].
-      smoother: Filter and rows of the speeds.
-      c: Constants of the robot.
     """
     rolling = c.radius * speeds
 
@@ -168,14 +155,9 @@ def delay_behind_wheels(samples: PoseSamples, speeds: Array, smoother: Smoother,
 
 
 def delay_behind_torques(time: Array, predicted: Array, measured: Array) -> float:
-    """Delay of measured accelerations behind those that the torques predict [s].
+    """Delay [s] of measured accelerations behind those that the torques predict, shape (m, 3) each.
 
     Maximises Σ ρ² of the three channels: the constants of the prediction may be wrong.
-
-    Args:
-      time: Of the rows of a stretch, shape (m,) [s].
-      predicted: Shape (m, 3).
-      measured: Shape (m, 3).
     """
     spline, shift = CubicSpline(time, measured), MOST_DELAY / 2.0
     inner = (time > time[0] + shift) & (time < time[-1] - shift)

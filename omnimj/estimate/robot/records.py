@@ -12,7 +12,7 @@ from omnimj.parameters import Robot
 from omnimj.signals import Array
 
 NOT_EXCITED = 0.7
-"""Deviation after the data over that before from which the drive has not excited a number."""
+"""Ratio of posterior to prior standard deviation from which the drive has not excited a number."""
 MOSTLY_PRIOR = 0.5
 """The same from which a number rests on the prior as much as on the data."""
 
@@ -32,7 +32,7 @@ class RobotEstimate:
     nominal: float
     """Value of the model file that the identification began with."""
     left_of_prior: float
-    """Standard deviation after the data over that before, 0 … 1."""
+    """Ratio of posterior to prior standard deviation, 0 … 1."""
 
     @property
     def source(self) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from omnimj.estimate.robot.balance import SLOW, wheel_forces
 from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.fit import RobotFit
+from omnimj.physics.kinematics import turned
 from omnimj.signals import Array
 
 LONGEST = 12.0
@@ -81,12 +82,9 @@ def _good_stretches(run: RunRows) -> Iterator[slice]:
 def ground_velocity(run: RunRows, move: slice) -> Array:
     """Body velocity in a drive from rest to rest, from the accelerometer, shape (k, 2) [m/s]."""
     heading = _integral(run.yaw_rate[move])
-    cos, sin = np.cos(heading), np.sin(heading)
-    x, y = run.acceleration[move].T
-    velocity = np.column_stack([_integral(cos * x - sin * y), _integral(sin * x + cos * y)])
+    velocity = np.column_stack([_integral(a) for a in turned(run.acceleration[move], heading).T])
     velocity -= np.linspace(0.0, 1.0, len(velocity))[:, None] * velocity[-1]
-    u, v = velocity.T
-    return np.column_stack([cos * u + sin * v, cos * v - sin * u])
+    return turned(velocity, -heading)
 
 
 def _integral(values: Array) -> Array:

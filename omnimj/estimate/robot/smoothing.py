@@ -98,7 +98,6 @@ def shafts_of(
     """Samples of one stretch of a log.
 
     Args:
-      smoother: Filter of the rows.
       currents: Current of each of n wheels on the filter's grid, shape (g,) each [A].
       speeds: Speed of each wheel on the filter's grid, shape (g,) each [rad/s].
       late: Delay of the wheel speeds [s].

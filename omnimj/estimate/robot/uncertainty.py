@@ -48,7 +48,7 @@ class Doubt:
         return value, value - half, value + half
 
     def left_of_prior(self, quantity: Quantity) -> float:
-        """Deviation of a quantity after the data over that before, 0 … 1."""
+        """Ratio of posterior to prior standard deviation of a quantity, 0 … 1."""
         slope = gradient(self.fit, quantity)
         before = float(np.sqrt(np.sum(slope**2 / self.fit.precision)))
         after = float(np.sqrt(slope @ self.fit.covariance @ slope))
@@ -88,7 +88,6 @@ def doubt_of(fit: RobotFit, others: Sequence[Array]) -> Doubt:
     """Uncertainty of a fitted robot from the scatter between its runs.
 
     Args:
-      fit: The fitted robot; with a single run, only its noise and the prior count.
       others: Deviations of its numbers by what no scatter shows, each of shape (p,).
     """
     hessian, count = fit.information + np.diag(fit.precision), len(fit.runs)

@@ -47,7 +47,7 @@ class Unknown:
     """One number that is estimated, as a deviation from nominal."""
 
     name: str
-    """`torque_constant`, `torque_constant_2` (deviation of wheel 2), `mass`, ….."""
+    """`torque_constant`, `torque_constant_2` (deviation of wheel 2), `mass`, …"""
     spread: float
     """Standard deviation of the prior, about 0."""
 

@@ -20,11 +20,11 @@ from omnimj.estimate.gap.check.acceptance import check_dataset, correct_dataset
 from omnimj.estimate.gap.files import digest
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.plants import find_plant, read_machine
-from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
 from omnimj.estimate.gap.search.refitting import fit_base, refit
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.gap.search.sensitivities import Sensitivities
+from omnimj.estimate.intervals import channel_rms
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
 from omnimj.parameters import read_floors

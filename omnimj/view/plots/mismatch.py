@@ -16,11 +16,11 @@ from omnimj.estimate.gap.records import (
     MismatchRegime,
     Overlay,
     RunGap,
-    channel_rms,
     has_second_model,
     noise_row,
 )
 from omnimj.estimate.gap.sentences import format_amount, format_number, format_unit, variable_words
+from omnimj.estimate.intervals import channel_rms
 from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.palette import AFTER, BEFORE

@@ -13,7 +13,7 @@ from omnimj.estimate.gap.search.cross_validation import FOLD_PRIOR
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.search.strength import strength_gains
 from omnimj.estimate.gap.sentences import next_step, summarize_finding
-from omnimj.estimate.gap.verdict import MIN_EXPLAINED, judge_search
+from omnimj.estimate.gap.verdict import judge_search
 from omnimj.estimate.replay.interface import KNOTS, CandidateEffect, CandidateParameter, Setting
 from omnimj.estimate.replay.problem import huber_weights
 
@@ -82,7 +82,7 @@ def test_a_law_whose_strength_varies_is_not_named():
     found = searched(one_sided())
     verdict = judge_search(found)
     assert verdict.kind == "unexplained"
-    assert verdict.explained is not None and verdict.explained < MIN_EXPLAINED
+    assert "removes more: the effect is not in the library" in verdict.reason
 
 
 def test_an_effect_after_which_more_is_left_than_was_there_before_is_not_named():
@@ -107,7 +107,7 @@ def test_the_same_effect_is_named_where_it_is_of_typical_size_and_tolerated_wher
         assert finding.verdict == verdict
     assert finding.tolerated == ("air_drag",) and not finding.effects
     assert "air_drag" in summarize_finding(finding) and "no effect" not in summarize_finding(finding)
-    assert next_step(finding).startswith("Drive faster, heavier or longer")
+    assert next_step(finding).startswith("Drive faster, with more load or for longer")
 
 
 def test_the_size_of_an_effect_is_that_of_its_largest_amplitude_in_typical_sizes():

@@ -11,7 +11,7 @@ from measured_logs import unpack
 
 from omnimj.effects import apply_effects, with_effects
 from omnimj.errors import InputError
-from omnimj.estimate.gap.files import new_floors_text, new_model_text
+from omnimj.estimate.gap.files import new_floors_text, new_model_files
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.steady.replay import SteadyReplay, steady_model
@@ -141,7 +141,8 @@ def test_effects_of_a_floor_become_numbers_of_this_floor_and_those_of_the_robot_
     hidden, found, tmp_path
 ):
     files = tmp_path / "model.toml", tmp_path / "floors.toml"
-    texts = new_model_text(found, robot().file), new_floors_text(found, read_floors(), robot().file)
+    new_model = new_model_files(found, robot().file)["model.toml"]
+    texts = new_model, new_floors_text(found, read_floors(), robot().file)
     for file, text in zip(files, texts, strict=True):
         file.write_text(text)
     model, floor = read_robot(files[0]), read_floors(files[1])[FLOOR]

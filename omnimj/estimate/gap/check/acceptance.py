@@ -62,7 +62,6 @@ def sound_dataset(
     """Check a dataset, hold it back or correct it, and add the findings to its notes.
 
     Args:
-      dataset: The dataset.
       machine: The machine; the shipped one when None.
       accept: Whether to go on with data that have certain faults: then gross units, time bases and counters
         are corrected.
@@ -152,7 +151,6 @@ def check_dataset(dataset: Dataset, machine: Machine | None = None) -> DataCheck
     the machine can do. Where time is wrong, the other channels are judged with the corrected time.
 
     Args:
-      dataset: The runs as read.
       machine: Gives wheel radius, gear, geometry, limits and sampling rate; the shipped model when None.
 
     Returns:
@@ -212,7 +210,7 @@ def correct_dataset(dataset: Dataset, check: DataCheck) -> Dataset:
             notes.append(f"time: divided by {s.size:.6g} ({s.words})")
         if s.kind == "wrap" and s.channel != "yaw":
             runs = tuple(_changed(r, s.channel, 1.0, True) for r in runs)
-            notes.append(f"{s.channel}: the jumps of a counter that starts over were removed")
+            notes.append(f"{s.channel}: the jumps of a counter that wraps around were removed")
         elif s.kind == "unit" and s.is_sure:
             runs = tuple(_changed(r, s.channel, 1.0 / s.size, False) for r in runs)
             notes.append(f"{s.channel}: divided by {s.size:.6g}, it was in another unit ({s.words})")

@@ -77,7 +77,6 @@ def column_suspicions(
     """Check every channel by itself.
 
     Args:
-      dataset: The runs.
       names: Channels in which sensor noise is always visible.
       speeds: Channels that show whether the machine moves.
       counters: Positions and angles, which may jump.
@@ -105,14 +104,7 @@ def _is_within(found: Suspicion, stale: Sequence[Suspicion]) -> bool:
 
 
 def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find stretches of equal values in a channel.
-
-    Args:
-      values: Samples of the channel, shape (n,).
-
-    Returns:
-      First samples and lengths of the stretches, both of shape (stretches,).
-    """
+    """First samples and lengths, shape (stretches,) each, of equal values in a channel, shape (n,)."""
     starts = equal_stretches(values)
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
@@ -227,10 +219,7 @@ def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
 
 
 def counter_jumps(values: Array) -> tuple[NDArray[np.intp], float]:
-    """Find the samples at which a counter wraps around, and the size of the jump; (empty, 0) without jumps.
-
-    Args:
-      values: Readings of the counter, shape (n,).
+    """Find where a counter, shape (n,), wraps around, and the size of its jumps; (empty, 0) without jumps.
 
     Returns:
       Samples before the jumps, shape (jumps,), and the jump's size [unit of the channel].
@@ -256,14 +245,7 @@ def counter_modulus(size: float, usual: float) -> float:
 
 
 def unwrap_counter(values: Array) -> Array:
-    """Remove the jumps of a counter.
-
-    Args:
-      values: Readings of the counter, shape (n,).
-
-    Returns:
-      Continuous readings, shape (n,) [unit of the channel].
-    """
+    """Readings of a counter without its jumps, shape (n,) [unit of the channel]."""
     at, size = counter_jumps(values)
     if not at.size:
         return values
@@ -282,7 +264,7 @@ def _wraps(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
             count, size = count + int(at.size), found
             touched.append(run.name)
     if count:
-        words = f"{name} starts over {count} times by {size:.4g}, as a counter that overflows"
+        words = f"{name} wraps around {count} times by {size:.4g}, like a counter that overflows"
         yield Suspicion(name, "wrap", size, 4.0, words, (), tuple(touched))
 
 

@@ -6,20 +6,23 @@ y(t) = c + b t + s x(t − δ), with c and b free in every stretch. δ > 0: y is
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.gap.check.columns import fill_masked, unwrap_counter
-from omnimj.estimate.gap.check.suspicions import Link
+from omnimj.estimate.gap.check.suspicions import Link, Suspicion, late
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 CLEAR = 0.6
 """Correlation of two channels from which on their link counts."""
-_WINDOW = 4.0  # [s] longest stretch of one comparison of velocity and position
+TIGHT = np.log(1.04)
+"""Permitted |log| of the scale between the velocity of a joint and its position."""
+_DELAY = 0.004  # [s] largest healthy delay between them
+_WINDOW = 4.0  # [s] longest stretch of one comparison of them
 _FARTHEST = 0.08  # [s] largest delay in the search
 _FEWEST = 30  # samples of a stretch
 _TOGETHER = 0.15  # [s] longest time between the step and the first motion
@@ -66,24 +69,23 @@ def clear_link(found: Comparison | None, x: str, y: str, allowed: float) -> list
 
 
 def integral(time: Array, rate: Array) -> Array:
-    """∫ rate dt from the first sample on, by trapezoids.
-
-    Args:
-      time: Shape (n,) [s].
-      rate: Shape (n,) [unit per s].
-
-    Returns:
-      Shape (n,).
-    """
+    """∫ rate dt from the first sample on, by trapezoids; time [s], rate and integral of shape (n,)."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def split_stretch(length: int, longest: int) -> list[slice]:
-    """Split `length` samples into equal parts of at most `longest` samples."""
-    parts = max(1, -(-length // longest))
-    ends = np.linspace(0, length, parts + 1).astype(int)
+def windows(time: Array, longest: float) -> list[slice]:
+    """Equal parts of a run, at most as long as a time [s] or 60 samples."""
+    size = max(60, int(longest / max(float(np.median(np.diff(time))), 1e-6)))
+    parts = max(1, -(-len(time) // size))
+    ends = np.linspace(0, len(time), parts + 1).astype(int)
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+
+
+def solve_scaled(gram: Array, slope: Array, rcond: float) -> Array:
+    """Factors that solve normal equations, shape (n,), whose columns are scaled to the same size first."""
+    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    return np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=rcond)[0] / size
 
 
 def compare(stretches: Sequence[Stretch]) -> Comparison | None:
@@ -238,8 +240,14 @@ def velocity_comparison(runs: Sequence[Run], joint: str) -> Comparison | None:
         if velocity in run.columns:
             moved = integral(run.time, fill_masked(run, velocity))
             place = unwrap_counter(fill_masked(run, f"position:{joint}"))
-            size = max(60, int(_WINDOW / max(float(np.median(np.diff(run.time))), 1e-6)))
-            stretches += [
-                Stretch(run.time[w], moved[w], place[w]) for w in split_stretch(len(run.time), size)
-            ]
+            stretches += [Stretch(run.time[w], moved[w], place[w]) for w in windows(run.time, _WINDOW)]
     return compare(stretches) if stretches else None
+
+
+def late_velocity(pair: Comparison, joint: str) -> Iterator[Suspicion]:
+    """Yield the position or velocity of a joint that is late against the other."""
+    error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
+    if abs(pair.delay) > max(_DELAY, 3.0 * error):
+        names = f"position:{joint}", f"velocity:{joint}"
+        name, other = names if pair.delay > 0.0 else reversed(names)
+        yield late(name, abs(pair.delay), _DELAY, other, (other,))

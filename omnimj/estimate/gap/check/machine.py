@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from omnimj.estimate.gap.check.columns import column_suspicions
-from omnimj.estimate.gap.check.compare import CLEAR, clear_link, velocity_comparison
+from omnimj.estimate.gap.check.compare import CLEAR, TIGHT, clear_link, late_velocity, velocity_comparison
 from omnimj.estimate.gap.check.magnitudes import Limit, beyond_reach, magnitude_suspicions
 from omnimj.estimate.gap.check.slide import is_slide, slide_suspicions, slide_time_links
 from omnimj.estimate.gap.check.suspicions import GROSS, Suspicion, wrong_scales, wrong_signs
@@ -17,8 +17,6 @@ from omnimj.plant.mujoco.machine import Machine
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
-_TIGHT = np.log(1.04)
-_DELAY = 0.004  # [s] largest healthy delay between velocity and position
 _EXPLAINS = 0.3  # share of an input's variance that only the motion of the links explains
 
 
@@ -73,16 +71,10 @@ def _velocity_suspicions(runs: Sequence[Run], joint: str) -> Iterator[Suspicion]
     pair = velocity_comparison(runs, joint)
     if pair is None or abs(pair.correlation) <= CLEAR:
         return
-    velocity, position = f"velocity:{joint}", f"position:{joint}"
-    links = clear_link(pair, velocity, position, _TIGHT)
+    links = clear_link(pair, f"velocity:{joint}", f"position:{joint}", TIGHT)
     yield from wrong_signs(links)
     yield from wrong_scales(links)
-    error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
-    late = pair.delay
-    if abs(late) > max(_DELAY, 3.0 * error):
-        name, other = (position, velocity) if late > 0.0 else (velocity, position)
-        words = f"{name} is {1e3 * abs(late):.1f} ms late against {other}"
-        yield Suspicion(name, "delay", abs(late), abs(late) / _DELAY, words, (other,))
+    yield from late_velocity(pair, joint)
 
 
 def _input_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion]:

@@ -90,8 +90,6 @@ def magnitude_suspicions(
     A channel that lies beyond its sensor's range most of the time is in another unit.
 
     Args:
-      runs: All runs.
-      limits: Limits of the channels.
       speeds: Channels that show whether the machine moves.
     """
     for limit in limits:

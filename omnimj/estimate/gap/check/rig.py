@@ -20,13 +20,14 @@ from omnimj.estimate.gap.check.compare import (
     compare,
     integral,
     onsets,
-    split_stretch,
+    solve_scaled,
+    windows,
 )
-from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.suspicions import Link, Suspicion, late, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
+from omnimj.estimate.replay.interface import average_blocks
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Run
-from omnimj.signals import Array
 
 _WINDOW = 4.0  # [s] longest stretch of one comparison
 _TIGHT = np.log(1.06)  # permitted |log| of a scale between two encoders, or encoder and accelerometer
@@ -53,13 +54,7 @@ _INTEGRATED = frozenset(_PAIRS[1:])
 
 
 def rig_suspicions(runs: Sequence[Run], rig: Rig, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a rig.
-
-    Args:
-      runs: All runs.
-      rig: Wheel, gear, motor and masses.
-      beyond: Channels with values that the machine cannot reach.
-    """
+    """Yield contradictions between the channels of a rig; `beyond` as for `wrong_scales`."""
     found = {pair: _compared(runs, *pair, rig) for pair in _PAIRS}
     links = [link for pair in _PAIRS for link in _link(found[pair], *pair)]
     links += _force_link(runs, rig) or _power_link(runs)
@@ -102,8 +97,7 @@ def _compared(runs: Sequence[Run], x: str, y: str, rig: Rig) -> Comparison | Non
                 second = second * (at_rim if y == "wheel_speed" else 1.0)
             if (x, y) in _INTEGRATED:
                 first = integral(time, first)
-            size = max(60, int(_WINDOW / max(float(np.median(np.diff(time))), 1e-6)))
-            stretches += [Stretch(time[w], first[w], second[w]) for w in split_stretch(len(time), size)]
+            stretches += [Stretch(time[w], first[w], second[w]) for w in windows(time, _WINDOW)]
     return compare(stretches)
 
 
@@ -122,7 +116,7 @@ def _force_link(runs: Sequence[Run], rig: Rig) -> list[Link]:
             continue
         width = max(1, round(_AVERAGE / max(float(np.median(np.diff(run.time))), 1e-6)))
         current, speed, acceleration = (
-            _block_means(fill_masked(run, name), width)
+            average_blocks(fill_masked(run, name), width)
             for name in ("current", "wheel_speed", "carriage_acceleration")
         )
         mass = float(run.conditions.get("mass", rig.rig.masses[0]))
@@ -131,18 +125,13 @@ def _force_link(runs: Sequence[Run], rig: Rig) -> list[Link]:
         gram += base.T @ base
         slope += base.T @ current
         total += float(current @ current)
-    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    fitted = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-10)[0] / size
+    fitted = solve_scaled(gram, slope, rcond=1e-10)
     explained = float(fitted @ slope) / max(total, 1e-300)
     weight = float(fitted[0] ** 2 * gram[0, 0]) / max(total, 1e-300)
     if explained < CLEAR or weight < _DRIVEN or fitted[0] == 0.0:
         return []
     certainty = float(np.sqrt(min(explained, 1.0)))
     return [Link("carriage_acceleration", "current", float(fitted[0]), _FORCE, certainty)]
-
-
-def _block_means(values: Array, width: int) -> Array:
-    return values[: len(values) // width * width].reshape(-1, width).mean(axis=1)
 
 
 def _power_link(runs: Sequence[Run]) -> list[Link]:
@@ -165,16 +154,17 @@ def _delays(found: dict[tuple[str, str], Comparison | None], first: Onsets) -> I
     wheel = first.lag("carriage_acceleration", "wheel_speed")
     current_first = first.lag("current", "carriage_acceleration")
     if speed > _DELAY:
-        yield _late("carriage_speed", speed + 0.5 * _LAG, "the accelerometer")
+        yield late("carriage_speed", speed + 0.5 * _LAG, _DELAY, "the accelerometer")
     elif speed < -_DELAY:
-        yield _late("carriage_acceleration", -speed + 0.5 * _LAG, "the carriage's speed")
+        yield late("carriage_acceleration", -speed + 0.5 * _LAG, _DELAY, "the carriage's speed")
     if wheel is not None and abs(speed) <= _DELAY:
         if wheel > _DELAY:
-            yield _late("wheel_speed", wheel, "the carriage's first motion")
+            yield late("wheel_speed", wheel, _DELAY, "the carriage's first motion")
         elif wheel < -_DELAY and current_first is None:
-            yield _late("carriage_acceleration", -wheel, "the wheel's first motion", ("carriage_speed",))
+            first_motion, rivals = "the wheel's first motion", ("carriage_speed",)
+            yield late("carriage_acceleration", -wheel, _DELAY, first_motion, rivals)
     if current_first is not None and current_first < -0.5 * _DELAY:
-        yield _late("current", 0.005 - current_first, "the first motion that it causes")
+        yield late("current", 0.005 - current_first, _DELAY, "the first motion that it causes")
 
 
 def _healthy_off(pair: Comparison, low: float, high: float) -> float:
@@ -184,11 +174,6 @@ def _healthy_off(pair: Comparison, low: float, high: float) -> float:
     off = pair.delay - min(max(pair.delay, low), high)
     sure = np.isfinite(pair.delay_error) or abs(pair.correlation) > 0.99
     return off if sure and (not np.isfinite(pair.delay_error) or abs(off) > 3.0 * pair.delay_error) else 0.0
-
-
-def _late(channel: str, delay: float, against: str, rivals: tuple[str, ...] = ()) -> Suspicion:
-    words = f"{channel} is {1e3 * delay:.1f} ms late against {against}"
-    return Suspicion(channel, "delay", delay, delay / _DELAY, words, rivals)
 
 
 def _acceleration_bias(pair: Comparison | None) -> Iterator[Suspicion]:

@@ -21,10 +21,12 @@ from omnimj.estimate.gap.check.compare import (
     clear_link,
     compare,
     integral,
-    split_stretch,
+    solve_scaled,
+    windows,
 )
-from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.suspicions import Link, Suspicion, late, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
+from omnimj.estimate.replay.interface import average_blocks
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Run
@@ -65,8 +67,6 @@ def body_windows(runs: Sequence[Run], wheels: int, gyro: float, longest: float) 
     """Cut runs into windows.
 
     Args:
-      runs: Runs of a robot.
-      wheels: Number of wheels.
       gyro: Known scale error of the gyro.
       longest: Largest length of a window [s].
     """
@@ -78,8 +78,7 @@ def body_windows(runs: Sequence[Run], wheels: int, gyro: float, longest: float) 
         names = [f"wheel_speed_{k + 1}" for k in range(wheels)]
         columns = [*names, "yaw_rate", "acceleration_x", "acceleration_y"]
         table = np.stack([fill_masked(run, n) for n in columns], axis=1)
-        parts = split_stretch(len(time), max(60, int(longest / step)))
-        found += [_window(time[w], table[w], wheels, gyro, size) for w in parts]
+        found += [_window(time[w], table[w], wheels, gyro, size) for w in windows(time, longest)]
     return [p for p in found if len(p.yaw_rate) > 20]
 
 
@@ -96,16 +95,11 @@ def _window(time: Array, table: Array, wheels: int, gyro: float, size: int) -> B
     zero, one = np.zeros_like(time), np.ones_like(time)
     along = [gained(table[:, wheels + 1], zero), gained(zero, table[:, wheels + 2])]
     free = [np.stack([c, -s], axis=1), np.stack([s, c], axis=1), gained(one, zero), gained(zero, one)]
-    every = slice(0, len(time) // size * size)
-
-    def mean(values: Array) -> Array:
-        return values[every].reshape(-1, size, *values.shape[1:]).mean(axis=1)
-
     return BodyWindow(
-        mean(table[:, :wheels]),
-        mean(rate),
-        np.stack([mean(v) for v in along]),
-        np.stack([mean(v) for v in free]),
+        average_blocks(table[:, :wheels], size),
+        average_blocks(rate, size),
+        np.stack([average_blocks(v, size) for v in along]),
+        np.stack([average_blocks(v, size) for v in free]),
     )
 
 
@@ -128,7 +122,6 @@ def unexplained_share(
     Each wheel has its own positive scale.
 
     Args:
-      parts: Windows.
       rolling: Rolling speed per body twist over the radius, shape (wheels, 3).
       order: Assumed wheel of each column.
       signs: Assumed sign of each column, shape (wheels,).
@@ -170,20 +163,13 @@ def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> lis
             columns = columns - (columns @ basis) @ basis.T
             y = part.wheels[:, k] - basis @ (basis.T @ part.wheels[:, k])
             gram, slope, total = gram + columns @ columns.T, slope + columns @ y, total + float(y @ y)
-        whole, factors = _solved(gram, slope)
-        without, _ = _solved(gram[1:, 1:], slope[1:])
-        adds = whole - without > _ADDED * total
+        factors, others = (solve_scaled(gram[k:, k:], slope[k:], rcond=1e-8) for k in (0, 1))
+        whole = float(factors @ slope)
+        adds = whole - float(others @ slope[1:]) > _ADDED * total
         found.append(
             (float(factors[0]), float(np.sqrt(max(whole / max(total, 1e-300), 0.0))) if adds else 0.0)
         )
     return found
-
-
-def _solved(gram: Array, slope: Array) -> tuple[float, Array]:
-    """Solve the normal equations; return the explained sum of squares and the factors."""
-    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    factors = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-8)[0] / size
-    return float(factors @ slope), factors
 
 
 def noisy(wheels: int) -> tuple[str, ...]:
@@ -193,13 +179,7 @@ def noisy(wheels: int) -> tuple[str, ...]:
 
 
 def robot_suspicions(runs: Sequence[Run], robot: Robot, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a robot.
-
-    Args:
-      runs: All runs.
-      robot: Places, directions and radius of the wheels.
-      beyond: Channels with values that the machine cannot reach.
-    """
+    """Yield contradictions between the channels of a robot; `beyond` as for `wrong_scales`."""
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
     count = len(robot.wheels)
     speeds = tuple(f"wheel_speed_{i}" for i in range(1, count + 1))
@@ -239,19 +219,14 @@ def _late_wheels(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Su
         for run in runs:
             speeds = np.stack([fill_masked(run, f"wheel_speed_{j + 1}") for j in others])
             own, expected = fill_masked(run, f"wheel_speed_{k + 1}"), row @ speeds
-            stretches += [
-                Stretch(run.time[w], expected[w], own[w])
-                for w in split_stretch(len(run.time), _samples(run.time, _WINDOW))
-            ]
+            stretches += [Stretch(run.time[w], expected[w], own[w]) for w in windows(run.time, _WINDOW)]
         pair = compare(stretches)
         if pair is not None and abs(pair.correlation) > CLEAR and np.isfinite(pair.delay_error):
             found.append((pair.delay, pair.delay_error, k))
     # the others seem early against the late one, each by less
     delay, error, k = max(found, default=(0.0, 0.0, 0))
     if delay > max(_DELAY, 3.0 * error):
-        name = f"wheel_speed_{k + 1}"
-        words = f"{name} is {1e3 * delay:.1f} ms late against the motion of the other wheels"
-        yield Suspicion(name, "delay", delay, delay / _DELAY, words)
+        yield late(f"wheel_speed_{k + 1}", delay, _DELAY, "the motion of the other wheels")
 
 
 def robot_time_links(runs: Sequence[Run], robot: Robot) -> list[TimeLink]:
@@ -282,7 +257,7 @@ def _compared_turning(
         rate, angle = fill_masked(run, "yaw_rate"), _joined(fill_masked(run, "yaw"))
         own = sum(inverse[k] * fill_masked(run, f"wheel_speed_{k + 1}") for k in range(count))
         turned = integral(time, rate)
-        for w in split_stretch(len(time), _samples(time, _WINDOW)):
+        for w in windows(time, _WINDOW):
             heading.append(Stretch(time[w], turned[w], angle[w]))
             wheels.append(Stretch(time[w], rate[w], np.asarray(own)[w]))
     by_wheels = compare(wheels) if _turns(wheels, runs, rolling) else None
@@ -318,11 +293,10 @@ def _turning(runs: Sequence[Run], rolling: Array, count: int, beyond: Sequence[s
     yield from found
     if by_heading is None or abs(by_heading.correlation) < CLEAR:
         return
-    late = by_heading.delay
-    if abs(late) > max(_DELAY, 3.0 * by_heading.delay_error):
-        channel, other = ("yaw", "yaw_rate") if late > 0.0 else ("yaw_rate", "yaw")
-        words = f"{channel} is {1e3 * abs(late):.1f} ms late against {other}"
-        yield Suspicion(channel, "delay", abs(late), abs(late) / _DELAY, words)
+    delay = by_heading.delay
+    if abs(delay) > max(_DELAY, 3.0 * by_heading.delay_error):
+        channel, other = ("yaw", "yaw_rate") if delay > 0.0 else ("yaw_rate", "yaw")
+        yield late(channel, abs(delay), _DELAY, other)
     bias = -by_heading.drift / by_heading.scale
     error = by_heading.drift_error if np.isfinite(by_heading.drift_error) else 0.0
     allowed = max(_GYRO_BIAS, 4.0 * error / abs(by_heading.scale))
@@ -337,10 +311,6 @@ def _joined(angle: Array) -> Array:
         360.0 if float(np.ptp(angle)) > 7.0 and float(np.abs(np.diff(angle)).max()) > 180.0 else 2.0 * np.pi
     )
     return np.unwrap(angle, period=turn) if float(np.abs(np.diff(angle)).max()) > 0.5 * turn else angle
-
-
-def _samples(time: Array, span: float) -> int:
-    return max(60, int(span / max(float(np.median(np.diff(time))), 1e-6)))
 
 
 def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator[Suspicion]:

@@ -14,7 +14,14 @@ from scipy.signal import savgol_filter
 
 from omnimj.effects.parts import BODY
 from omnimj.estimate.gap.check.columns import fill_masked, unwrap_counter
-from omnimj.estimate.gap.check.compare import velocity_comparison
+from omnimj.estimate.gap.check.compare import (
+    CLEAR,
+    TIGHT,
+    clear_link,
+    late_velocity,
+    solve_scaled,
+    velocity_comparison,
+)
 from omnimj.estimate.gap.check.suspicions import Link, Suspicion, unit_of, wrong_scales, wrong_signs
 from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.plant.mujoco.machine import Machine
@@ -22,9 +29,6 @@ from omnimj.plant.mujoco.quantities import is_hinge
 from omnimj.recording.dataset import MASS_OF, Run
 from omnimj.signals import Array
 
-_CLEAR = 0.6
-_TIGHT = np.log(1.04)
-_DELAY = 0.004  # [s] largest healthy delay between velocity and position
 _FORCE_DELAY = 0.008  # [s] largest healthy delay between motion and force
 _SMOOTH = 0.03  # [s] filter length for differentiating a position
 _MASS = np.log(3.0)  # permitted |log| of implied over declared mass
@@ -77,25 +81,13 @@ def is_slide(machine: Machine) -> bool:
 def slide_suspicions(
     runs: Sequence[Run], machine: Machine, beyond: Sequence[str] = ()
 ) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a slide.
-
-    Args:
-      runs: All runs.
-      machine: Declares mass and force of the actuator.
-      beyond: Channels with values that the machine cannot reach.
-    """
+    """Yield contradictions between the channels of a slide; `beyond` as for `wrong_scales`."""
     slide = _slide(runs, machine)
     pair = velocity_comparison(runs, machine.joints[0])
     links = []
-    if pair is not None and abs(pair.correlation) > _CLEAR:
-        links.append(Link(slide.velocity, slide.position, pair.scale, _TIGHT, abs(pair.correlation)))
-        late = pair.delay
-        error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
-        if abs(late) > max(_DELAY, 3.0 * error):
-            names = (slide.position, slide.velocity)
-            name, other = names if late > 0.0 else reversed(names)
-            words = f"{name} is {1e3 * abs(late):.1f} ms late against {other}"
-            yield Suspicion(name, "delay", abs(late), abs(late) / _DELAY, words)
+    if pair is not None and abs(pair.correlation) > CLEAR:
+        links += clear_link(pair, slide.velocity, slide.position, TIGHT)
+        yield from (replace(s, or_channels=()) for s in late_velocity(pair, machine.joints[0]))
     motion = _motion(runs, slide)
     links += motion.links(slide)
     yield from wrong_signs(links)
@@ -168,8 +160,8 @@ class _Motion:
             gram += base.T @ base
             slope += base.T @ pushed
             total += float(((pushed - pushed.mean()) ** 2).sum())
+        whole = solve_scaled(gram, slope, rcond=1e-10)
         scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-        whole = np.linalg.lstsq(gram / np.outer(scale, scale), slope / scale, rcond=1e-10)[0] / scale
         squared = sum(float((np.interp(t - delay, t, f) ** 2).sum()) for t, f, _, _ in self._rows)
         left = max(squared - float(whole @ slope), 0.0)
         inverse = np.linalg.pinv(gram / np.outer(scale, scale))

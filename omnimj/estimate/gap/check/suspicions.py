@@ -124,14 +124,18 @@ def unit_of(
     """Known factor next to an estimated one, and its name; (0, "") if none is near.
 
     Args:
-      factor: Estimated factor.
-      channel: Name of the channel.
       more: Factors of the machine, such as its gear, for angles.
       near: Largest |log| distance.
     """
     own = (*units_of(channel), *(more if channel.startswith("wheel") else ()))
     known = min(own, key=lambda u: abs(np.log(abs(factor) / u[0])))
     return known if abs(np.log(abs(factor) / known[0])) <= near else (0.0, "")
+
+
+def late(channel: str, delay: float, allowed: float, against: str, rivals: tuple[str, ...] = ()) -> Suspicion:
+    """A channel that is late against another one by more than is allowed [s]."""
+    words = f"{channel} is {1e3 * delay:.1f} ms late against {against}"
+    return Suspicion(channel, "delay", delay, delay / allowed, words, rivals)
 
 
 def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
@@ -160,7 +164,6 @@ def wrong_scales(
     """Smallest set of channels whose scale must change for all links to agree.
 
     Args:
-      links: Links between channels.
       more: Factors of the machine, such as its gear, for angles.
       beyond: Channels with values that the machine cannot reach; the set includes them.
     """

@@ -56,9 +56,7 @@ def time_base_suspicions(runs: Sequence[Run], rate: float, links: Links) -> Iter
     """Yield runs whose time is in another unit, scaled, or does not increase.
 
     Args:
-      runs: All runs.
       rate: Sampling rate of the model [1/s].
-      links: Finds the links of the plant.
     """
     good = []
     for run in runs:

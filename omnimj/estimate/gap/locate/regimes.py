@@ -22,7 +22,6 @@ from omnimj.estimate.gap.locate.rules import (
     turn_harmonic,
 )
 from omnimj.estimate.gap.locate.variables import (
-    canonical_name,
     describe_rule,
     regime_variables,
     rule_bounds,
@@ -30,6 +29,7 @@ from omnimj.estimate.gap.locate.variables import (
     sign_ratio,
 )
 from omnimj.estimate.gap.records import MismatchRegime
+from omnimj.estimate.intervals import finite_rms
 from omnimj.estimate.replay.interface import Channel, Segment
 from omnimj.signals import Array
 
@@ -54,7 +54,7 @@ _BARELY = 1.05  # mismatch relative to the other sign, below which a significant
 _SIDEWAYS = 0.95  # smallest share of blocks in sideways motion
 _CREEP = 0.02  # [m/s] lateral speed that does not count as sideways motion
 _RISES = 0.7  # correlation of mismatch with time above which it grows
-_MATCHED = frozenset({"mass", "load", "floor", "current"})  # segments of both signs must agree in these
+_MATCHED = frozenset({"load", "floor", "current"})  # segments of both signs must agree in these
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def locate(
 
 def _scene(segments: Sequence[Segment], regimes: Mapping[str, tuple[str, Array]], blocks: int) -> _Scene:
     variables = regime_variables(regimes)
-    lateral = [v for v in variables if canonical_name(v.name) == "lateral_speed"]
+    lateral = [v for v in variables if v.name == "lateral_speed"]
     has_both = any(v.is_size for v in lateral)
     moves = False
     if lateral:
@@ -235,14 +235,15 @@ def _places(
             taken = inside.sum() / used.sum()
             words += f"; {100 * held:.0f} % of this channel's mismatch in {100 * taken:.0f} % of its samples"
         bounds = {name: ends for rule in regime.rules for name, ends in rule_bounds(rule).items()}
-        left = None if after is None else _rms(after[inside])
-        found.append(MismatchRegime(channel.name, words, bounds, held * part, _rms(before[inside]), left))
+        was = finite_rms(before[inside], without=0.0)
+        left = None if after is None else finite_rms(after[inside], without=0.0)
+        found.append(MismatchRegime(channel.name, words, bounds, held * part, was, left))
     return found
 
 
 def _words(scene: _Scene, regime: _Regime, energy: Array, used: BlockMask) -> str:
     texts, rules = [], list(regime.rules)
-    for rule in [r for r in rules if canonical_name(r.variable.name) == "lateral_speed"]:
+    for rule in [r for r in rules if r.variable.name == "lateral_speed"]:
         rules.remove(rule)
         texts.append(_sideways_rule(scene, rule, energy, used))
     if not texts and scene.is_all_sideways:
@@ -251,10 +252,10 @@ def _words(scene: _Scene, regime: _Regime, energy: Array, used: BlockMask) -> st
         words = describe_rule(rule)
         v = rule.variable
         if not (v.is_size or v.labels or v.is_angle):
-            ratio, _ = sign_ratio(rule, energy, used, v.values)
+            ratio = sign_ratio(rule, energy, used, v.values)
             if ratio >= _OTHER_SIGN:
                 words = f"one direction, {words} ({_times(ratio)} the mismatch in the other)"
-        if canonical_name(v.name) == "time" and rule.members[-1] == v.bins - 1:
+        if v.name == "time" and rule.members[-1] == v.bins - 1:
             words = f"{'grows with' if _grows(v, energy, used) else 'late,'} {words}"
         texts.append(words)
     return ", ".join(texts) or EVERYWHERE
@@ -271,7 +272,7 @@ def _sideways_rule(scene: _Scene, rule: Rule, energy: Array, used: BlockMask) ->
     if scene.sideways is None:
         return f"sideways motion: {describe_rule(rule)}"
     if not rule.variable.is_size:
-        ratio, _ = sign_ratio(rule, energy, used, rule.variable.values)
+        ratio = sign_ratio(rule, energy, used, rule.variable.values)
         other = f" ({_times(ratio)} the mismatch at the other sign)" if ratio > 1.0 else ""
         return f"sideways motion, more in one sign: {describe_rule(rule)}{other}"
     signs = _signs(scene, energy, used & rule.inside)
@@ -295,14 +296,9 @@ def _all_sideways(scene: _Scene, energy: Array, inside: BlockMask) -> str:
 def _signs(scene: _Scene, energy: Array, among: BlockMask) -> SignAsymmetry | None:
     if scene.sideways is None:
         return None
-    others = [v for v in scene.variables if canonical_name(v.name) in _MATCHED]
+    others = [v for v in scene.variables if v.name in _MATCHED]
     return sign_asymmetry(scene.sideways, others, energy, among, scene.slices)
 
 
 def _times(ratio: float) -> str:
     return "over 100 ×" if ratio > 100.0 else f"{ratio:.3g} ×"
-
-
-def _rms(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt((finite**2).mean())) if finite.size else 0.0

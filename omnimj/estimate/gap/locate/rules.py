@@ -4,6 +4,9 @@ A rule is a range of a variable (above, below, between, an arc of a turn, some o
 J = (share of the mismatch it holds) − (share of the blocks it takes), 0 where the mismatch is uniform.
 Variables that move together select the same blocks; a rule that another variable explains is dropped:
 J(v | w) = share held by v's rule − share it would hold if the mismatch depended on w alone.
+
+`energy` is the squared mismatch in units of noise, `among` the mask of the blocks to use, both of shape
+(blocks,); `segments` are the blocks that belong together, in order.
 """
 
 from __future__ import annotations
@@ -118,16 +121,7 @@ def round_between(low: float, high: float) -> float:
 
 
 def bin_shares(energy: Array, variable: Variable, among: BlockMask) -> tuple[Array, Array]:
-    """Share of the mismatch and share of the blocks in every bin.
-
-    Args:
-      energy: Squared mismatch in units of noise, shape (blocks,).
-      variable: Variable that defines the bins.
-      among: Blocks to count, shape (blocks,).
-
-    Returns:
-      Both of shape (bins,).
-    """
+    """Share of the mismatch and share of the blocks in every bin, shape (bins,) each."""
     used = among & (variable.code >= 0)
     code = variable.code[used]
     held = np.bincount(code, energy[used], variable.bins)
@@ -136,12 +130,7 @@ def bin_shares(energy: Array, variable: Variable, among: BlockMask) -> tuple[Arr
 
 
 def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], float]:
-    """Bins whose summed excess (share held − share of blocks) is largest, and that J.
-
-    Args:
-      density: Excess of each bin, shape (bins,).
-      variable: Variable that defines the bins.
-    """
+    """Bins whose summed `density` (share held − share of blocks, shape (bins,)) is largest, and that J."""
     n = len(density)
     if variable.labels:
         members = tuple(int(k) for k in np.flatnonzero(density > 0.0))
@@ -166,26 +155,13 @@ def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], floa
 
 
 def best_rule(energy: Array, variable: Variable, among: BlockMask) -> Rule:
-    """Rule of one variable that holds most of the mismatch in few of the blocks.
-
-    Args:
-      energy: Squared mismatch in units of noise, shape (blocks,).
-      variable: The variable.
-      among: Mask of the blocks to use, shape (blocks,).
-    """
+    """Rule of one variable that holds most of the mismatch in few of the blocks."""
     held, taken = bin_shares(energy, variable, among)
     return Rule(variable, *best_bins(held - taken, variable))
 
 
 def excess_given(rule: Rule, other: Variable, energy: Array, among: BlockMask) -> float:
-    """J(v | w): excess of a rule beyond that explained by the values of another variable.
-
-    Args:
-      rule: Rule over v.
-      other: w.
-      energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Mask of the blocks to use, shape (blocks,).
-    """
+    """J(v | w): excess of a rule over v beyond that explained by the values of another variable w."""
     used = among & (other.code >= 0)
     inside = rule.inside[used]
     code, here = other.code[used], energy[used]
@@ -202,11 +178,9 @@ def leading_rules(
     """Rules beyond chance that no other variable explains, best first.
 
     Args:
-      energy: Squared mismatch in units of noise, shape (blocks,).
       variables: Ordered by preference where the data cannot distinguish them.
-      among: Mask of the blocks to use, shape (blocks,).
-      segments: Blocks that belong together, in order; they cover all of `among`. Chance is simulated by
-        giving each segment the mismatch of another one, shifted in time.
+      segments: They cover all of `among`. Chance is simulated by giving each segment the mismatch of another
+        one, shifted in time.
     """
     used = [v for v in variables if np.unique(v.code[among & (v.code >= 0)]).size > 1]
     if not used or float(energy[among].sum()) <= 0.0:
@@ -287,9 +261,6 @@ def sign_asymmetry(
     Args:
       signed: Variable whose signs are compared.
       others: Variables in which paired segments should agree.
-      energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Mask of the blocks to use, shape (blocks,).
-      segments: Blocks that belong together.
 
     Returns:
       None where a sign is missing.
@@ -336,8 +307,6 @@ def turn_harmonic(
     Args:
       angle: θ, shape (blocks,) [rad].
       signed: Mismatch in units of noise, shape (blocks,).
-      among: Mask of the blocks to use, shape (blocks,).
-      segments: Blocks that belong together.
 
     Returns:
       None if the mismatch does not follow the angle.

@@ -12,30 +12,17 @@ from omnimj.estimate.replay.interface import Segment
 from omnimj.signals import Array
 
 _ORDER = (
-    *("lateral_speed", "floor", "direction", "wheel", "mass", "load", "speed", "carriage_speed", "reversal"),
-    *("wheel_angle", "position", "carriage_position", "current", "force", "wheel_speed", "yaw_rate"),
-    *("acceleration", "carriage_acceleration", "time"),
+    *("lateral_speed", "floor", "direction", "load", "speed", "reversal", "wheel_angle", "position"),
+    *("current", "force", "yaw_rate", "acceleration", "time"),
 )
 """Known names, ordered by preference where the data cannot distinguish them."""
 
-_ALIASES: Mapping[str, str] = {
-    "time_since_start": "time",
-    "time_since_reversal": "reversal",
-    "sideways_speed": "lateral_speed",
-    "payload": "mass",
-}
-_CONDITIONS = frozenset({"lateral_speed", "floor", "direction", "wheel", "mass", "load"})
-_ANGLES = frozenset({"wheel_angle", "motor_angle"})
+_CONDITIONS = frozenset({"lateral_speed", "floor", "direction", "load"})
 _FLOOR_FLAG = "floor "
 _DIRECTIONS = ("backward", "at rest", "forward")  # names of −1, 0, 1
 _FEW = 12  # largest number of values of a variable whose values are listed
 _LISTED = 4  # names in a list before the rest is counted
 _STANDSTILL = 0.12  # share of the largest speed up to which a range is near standstill
-
-
-def canonical_name(name: str) -> str:
-    """Canonical name of a regime variable."""
-    return _ALIASES.get(name, name)
 
 
 def regime_variables(regimes: Mapping[str, tuple[str, Array]]) -> tuple[Variable, ...]:
@@ -47,25 +34,23 @@ def regime_variables(regimes: Mapping[str, tuple[str, Array]]) -> tuple[Variable
     regimes = _with_labels(regimes)
 
     def rank(name: str) -> int:
-        known = canonical_name(name)
-        return _ORDER.index(known) if known in _ORDER else len(_ORDER)
+        return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
     found: list[Variable] = []
     for name in sorted(regimes, key=rank):
         unit, values = regimes[name]
         values = np.asarray(values)
-        known = canonical_name(name)
-        words = variable_words(known)
-        if known == "run":
+        words = variable_words(name)
+        if name == "run":
             continue
         if values.dtype.kind not in "fiub":
             found.append(_of_labels(name, unit, words, values))
             continue
         values = values.astype(float)
-        if known in _ANGLES or any(known.startswith(f"{angle}_") for angle in _ANGLES):
+        if name == "wheel_angle" or name.startswith("wheel_angle_"):
             found.append(_of_angle(name, unit, words, values))
             continue
-        is_condition = known in _CONDITIONS
+        is_condition = name in _CONDITIONS
         if _has_both_signs(values):
             found.append(_of_numbers(name, unit, words, np.abs(values), is_condition, is_size=True))
         found.append(_of_numbers(name, unit, words, values, is_condition))
@@ -157,7 +142,7 @@ def _ends(rule: Rule) -> tuple[float, float]:
 
 def describe_rule(rule: Rule) -> str:
     """Description of a rule, such as `carriage speed above 0.8 m/s`."""
-    v, name = rule.variable, canonical_name(rule.variable.name)
+    v, name = rule.variable, rule.variable.name
     if v.labels:
         return _labels_in_words(rule)
     low, high = _ends(rule)
@@ -188,7 +173,7 @@ def _labels_in_words(rule: Rule) -> str:
     labels = rule.variable.labels
     inside = [labels[k] for k in rule.members]
     others = [name for name in labels if name not in inside]
-    prefix = {"floor": "on ", "run": "in run ", "wheel": "at wheel "}.get(rule.variable.name, "")
+    prefix = {"floor": "on ", "run": "in run "}.get(rule.variable.name, "")
     if rule.variable.name == "direction" and len(inside) == 1:
         return "at rest" if inside == ["at rest"] else f"one direction, {inside[0]} only"
     if rule.variable.name == "run":
@@ -202,21 +187,17 @@ def _listed(names: list[str]) -> str:
     return f"{', '.join(names[:_LISTED])} and {len(names) - _LISTED} more"
 
 
-def sign_ratio(rule: Rule, energy: np.ndarray, among: BlockMask, signed: np.ndarray) -> tuple[float, str]:
-    """RMS mismatch at the rule's sign over that at the other sign, and the sign in words.
+def sign_ratio(rule: Rule, energy: np.ndarray, among: BlockMask, signed: np.ndarray) -> float:
+    """RMS mismatch at the rule's sign over that at the other sign.
 
     The other sign is the mirror image of the rule's range.
 
     Args:
-      rule: Range of a signed variable.
-      energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Mask of the blocks to use, shape (blocks,).
       signed: Values of the variable, shape (blocks,).
     """
     low, high = _ends(rule)
     own = among & (signed >= low) & (signed <= high)
     mirrored = among & (signed >= -high) & (signed <= -low)
     if not (own.any() and mirrored.any()):
-        return 1.0, ""
-    ratio = float(np.sqrt(energy[own].mean() / max(float(energy[mirrored].mean()), 1e-12)))
-    return ratio, "negative" if low + high < 0.0 else "positive"
+        return 1.0
+    return float(np.sqrt(energy[own].mean() / max(float(energy[mirrored].mean()), 1e-12)))

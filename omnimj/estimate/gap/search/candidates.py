@@ -11,6 +11,7 @@ import numpy as np
 from omnimj.effects import Interval
 from omnimj.estimate.gap.search.cross_validation import TrainingSplit, group_losses, heldout_gain
 from omnimj.estimate.gap.search.screening import ScreenedCandidate
+from omnimj.estimate.intervals import finite_rms
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit
 from omnimj.estimate.threads import map_in_threads
@@ -64,7 +65,7 @@ class CurrentModel:
 def training_rms(problem: Problem, fitted: Fit, split: TrainingSplit) -> float:
     """Training mismatch of a model, RMS over all channels in units of noise."""
     is_measured = np.isfinite(problem.replay.measured[split.used])
-    return float(np.sqrt((fitted.residual[split.used][is_measured] ** 2).mean()))
+    return finite_rms(fitted.residual[split.used][is_measured])
 
 
 def exceeds_margin(gained: Interval) -> bool:
@@ -78,8 +79,6 @@ def fit_candidate(
     """Fit the model with one more effect and cross-validate it.
 
     Args:
-      current: The model so far.
-      screened: The candidate with its starting point.
       again: First fit of the candidate, to be completed; None for the first fit.
     """
     start, known = (screened.start, current.fit.jacobian) if again is None else (again.x, None)
@@ -207,7 +206,6 @@ def has_shape_at_bound(candidate: CandidateEffect, values: Array) -> bool:
     """True if a shape parameter is at a bound: a sticky place as wide as the guide is none.
 
     Args:
-      candidate: The effect.
       values: Its parameters, shape (parameters,).
     """
     return any(
@@ -222,7 +220,6 @@ def pinned_amplitudes(candidate: CandidateEffect, values: Array) -> list[int]:
     The null value has one, and so has a scale of 0: what it scales is absent.
 
     Args:
-      candidate: The effect.
       values: Its parameters, shape (parameters,).
     """
     return [

@@ -90,9 +90,7 @@ def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDAr
     """Masks of the blocks left out in each fold; together they cover the blocks of the training groups.
 
     Args:
-      groups: All groups.
       train: Groups to fit to, shape (count,).
-      seed: Seed of the draw.
 
     Returns:
       One mask of shape (blocks,) per fold.
@@ -129,11 +127,8 @@ def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
 
 
 def heldout_gain(before: Array, after: Array) -> Interval:
-    """1 − √(Σ after/Σ before) over groups, with a 90 % interval from a bootstrap over whole groups.
-
-    Args:
-      before: Held-out loss per group, shape (groups,).
-      after: Held-out loss per group of the other model, shape (groups,).
+    """1 − √(Σ after/Σ before) of two models' held-out losses, shape (groups,) each, with a 90 % interval from
+    a bootstrap over whole groups.
     """
     value = 1.0 - np.sqrt(after.sum() / before.sum())
     count = len(before)
@@ -145,11 +140,8 @@ def heldout_gain(before: Array, after: Array) -> Interval:
 
 
 def paired_t(worse: Array, better: Array) -> float:
-    """t statistic of the paired difference of two models' held-out losses; large: `better` is better.
-
-    Args:
-      worse: Held-out loss per group, shape (groups,).
-      better: Held-out loss per group of the other model, shape (groups,).
+    """t statistic of the paired difference of two models' held-out losses, shape (groups,) each; large:
+    `better` is better.
     """
     difference = worse - better
     spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0

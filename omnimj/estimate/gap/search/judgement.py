@@ -121,10 +121,6 @@ def judge_effects(
     is eliminated. Every exchange improves the model, so that no exchange returns.
 
     Args:
-      problem: The data and the scale.
-      model: Fitted model with effects.
-      split: Training blocks, groups and folds.
-      sensitivities: Those of a model near it.
       may_exchange: Whether an effect may be exchanged for an alternative; it is only judged otherwise.
     """
     given_up: list[GivenUp] = []
@@ -263,10 +259,8 @@ def ambiguity_set(
     """Candidates that the first does not beat: in likelihood, over groups, and by `is_distinguishable`.
 
     Args:
-      problem: The data and the scale.
       tried: Candidates in one place of the model, the best first.
       effective_share: Independent samples over all samples.
-      split: Training blocks, groups and folds.
     """
     best = tried[0]
     sure = float(student.ppf(_SURE, max(len(best.losses) - 1, 1)))

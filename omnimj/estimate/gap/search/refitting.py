@@ -18,15 +18,10 @@ _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in n
 
 
 def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
-    """The problem with the twin simulated at a model: offset = twin − equations there.
+    """The problem with the twin simulated at parameters x, shape (n,): offset = twin − equations there.
 
     Both are simulated without what turns with the wheel, since out of phase its difference would not cancel,
     and without structure outside the library, which the twin does not have.
-
-    Args:
-      problem: The data and the scale.
-      x: Parameters of the model, shape (n,).
-      effects: Effects in the model.
     """
     setting, _ = problem.split(x, effects)
     locked = {c.label for c in effects if c.turns_with_wheel or c.is_outside}
@@ -39,12 +34,8 @@ def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> P
 
 
 def robust_scale(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Problem:
-    """The problem with a Huber scale of three times the scatter, at least five times the noise.
-
-    Args:
-      problem: The data and the scale.
-      fitted: Model whose residual gives the scatter.
-      used: Blocks that count, shape (blocks,).
+    """The problem with a Huber scale of three times the scatter in the blocks `used`, at least five times the
+    noise.
     """
     middle = float(np.median(np.abs(fitted.residual[used])))
     return replace(problem, huber_scale=max(5.0, 3.0 * 1.4826 * middle))
@@ -54,11 +45,6 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
     """Fit the base inside its boxes; estimate the noise of the data and the Huber scale.
 
     Three fits, since the noise is estimated from the residual of a fitted model.
-
-    Args:
-      replay: The plant with the measured runs.
-      used: Blocks to fit to, shape (blocks,).
-      report: Called with a phrase and the completed share.
     """
     channels = len(replay.channels)
     problem = Problem(replay, np.ones(channels))
@@ -85,11 +71,6 @@ def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Probl
     """Refit with the twin simulated at the new model and the noise estimated anew, until neither changes it.
 
     The noise can only shrink.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The new model.
-      used: Blocks to fit to, shape (blocks,).
     """
     for _ in range(_MOST_REFITS):
         problem = with_twin_correction(problem, fitted.x, fitted.effects)

@@ -60,11 +60,7 @@ def screen_candidates(
     """Screen every candidate in each of its shapes; best shape only, sorted by share.
 
     Args:
-      problem: The data.
-      current: The model so far, fitted.
-      candidates: Candidates to add.
       used: Blocks that count, shape (blocks,).
-      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
     near = Sensitivities() if sensitivities is None else sensitivities
     weight = huber_weights(problem, current.residual, used)
@@ -99,9 +95,6 @@ def bounded_share(
     """Share of the squared mismatch that effects explain to first order inside their bounds.
 
     Args:
-      problem: The data.
-      current: The model so far, fitted.
-      trials: Effects to add.
       sums: Normal equations of its columns, those of the effects, and the residual, shape (n + 1, n + 1).
 
     Returns:
@@ -135,8 +128,6 @@ def weighted_columns(
     """Weighted sensitivities to a model's parameters and to the values of free curves.
 
     Args:
-      problem: The data.
-      current: The model, fitted.
       curves: Change of the whitened mismatch by the value at each knot, shape (rows, knots).
       used: Blocks that count, shape (blocks,).
 
@@ -198,14 +189,7 @@ class CurveGains:
 def curve_gains(
     problem: Problem, current: Fit, split: TrainingSplit, sensitivities: Sensitivities | None = None
 ) -> CurveGains:
-    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones beyond a model.
-
-    Args:
-      problem: The data.
-      current: The model, fitted.
-      split: Training blocks, groups and folds.
-      sensitivities: Those of a model near it; simulated at the model itself when None.
-    """
+    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones beyond a model."""
     near = Sensitivities() if sensitivities is None else sensitivities
     columns, prior = weighted_columns(problem, current, near.curves(problem, current), split.used)
     variables, n = tuple(problem.replay.curves), len(prior)

@@ -114,10 +114,8 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     many effects goes on without the one that it added first.
 
     Args:
-      replay: The plant with the measured runs.
       holdout: Conditions or runs excluded from every fit; drawn by the seed when empty.
       seed: Seed of the held-out draw, the folds and the decoys.
-      report: Called with a phrase and the completed share; may raise KeyboardInterrupt.
     """
     groups = make_groups(replay)
     heldout = choose_heldout(groups, seed, holdout)
@@ -147,15 +145,10 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
 
 
 def _other_start(first: _Growing, base: Fit, report: Progress) -> _Growing:
-    """The search, or one without the effect that it added first where that ends with a better score.
+    """The search, or a repeat of it without the first added effect if that scores better.
 
     Only a search that ends with many effects and leaves more than noise is repeated: its first effect may
     stand in for several others, which are not found beside it.
-
-    Args:
-      first: The finished search.
-      base: Fit of the base.
-      report: Called with a phrase and the completed share.
     """
     if not first.hinges_on_first_effect or first.mismatch() <= NOISE_LEVEL:
         return first

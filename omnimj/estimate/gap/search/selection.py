@@ -34,12 +34,7 @@ Progress = Callable[[str, float], None]
 
 
 def decoy_p_value(decoys: Array, gained: Interval) -> float | None:
-    """Share of decoys that gain at least as much, (1 + n)/(1 + N); None without decoys.
-
-    Args:
-      decoys: Held-out gains of the decoys, shape (N,).
-      gained: Held-out gain of the candidate.
-    """
+    """Share of the N decoys, shape (N,), that gain at least as much, (1 + n)/(1 + N); None without decoys."""
     if not len(decoys):
         return None
     return (1 + int(np.count_nonzero(decoys >= gained.value))) / (1 + len(decoys))
@@ -58,7 +53,6 @@ class SelectionRound:
         """The round as a record, with the verdicts of the finished search.
 
         Args:
-          named: Labels in the final model.
           rivals: Labels that the data cannot distinguish from those.
           outcome: What the round added, or why it added nothing.
         """

@@ -50,13 +50,7 @@ def trial_steps(candidate: CandidateEffect) -> list[float]:
 def vanished_point(
     candidate: CandidateEffect, shape: dict[int, float], share: float
 ) -> tuple[Array, list[tuple[int, float]]]:
-    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these.
-
-    Args:
-      candidate: The effect.
-      shape: Its shape parameters, as index → value.
-      share: One of `trial_steps`.
-    """
+    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
     steps = []
     for k, s in enumerate(candidate.parameters):
@@ -101,15 +95,7 @@ class Sensitivities:
         shape: dict[int, float],
         share: float,
     ) -> TrialColumns:
-        """Sensitivities to one more effect in one shape, by a simulation for each trial step.
-
-        Args:
-          problem: The data.
-          current: Fitted model near the one at which they are simulated, without the effect.
-          candidate: The effect.
-          shape: Its shape parameters, as index → value.
-          share: One of `trial_steps`.
-        """
+        """Sensitivities to one more effect in one shape, by a simulation for each trial step."""
         at, steps = vanished_point(candidate, shape, share)
         key = candidate.label, at.tobytes(), np.array(steps).tobytes()
         if key not in self._changes:
@@ -122,15 +108,7 @@ class Sensitivities:
         return TrialColumns(candidate, at, steps, _columns(problem, self._changes[key]))
 
     def curves(self, problem: Problem, current: Fit) -> Array:
-        """Change of the whitened mismatch by a force of typical size at each knot of every free curve.
-
-        Args:
-          problem: The data.
-          current: Fitted model near the one at which they are simulated.
-
-        Returns:
-          Shape (rows, variables × `KNOTS`).
-        """
+        """Change by a force of typical size at each knot of every free curve, (rows, variables × `KNOTS`)."""
         if self._curves is None:
             curves = [
                 (name, _CURVE_STEP * force * row)

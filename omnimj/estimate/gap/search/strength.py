@@ -24,11 +24,6 @@ _RANGE = (0.02, 0.98)  # quantiles of a variable at the first and the last knot
 def strength_gains(problem: Problem, model: Fit, split: TrainingSplit) -> dict[tuple[str, str], float]:
     """Held-out gains 1 − √(after/before) of strengths that vary freely over one variable each.
 
-    Args:
-      problem: The data.
-      model: Fitted model with effects.
-      split: Training blocks, groups and folds.
-
     Returns:
       (label of the effect, variable) → gain; variables that do not vary are left out.
     """

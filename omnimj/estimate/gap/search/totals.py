@@ -21,10 +21,6 @@ def with_totals(problem: Problem, fitted: Fit) -> Fit:
 
     A factor s of an effect becomes s b/b₀, an amount c becomes c + b − b₀, −b₀ at least where nothing of the
     quantity is left. Nothing changes where that lies outside the bounds of the effect.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The fitted model.
     """
     x, jacobian = fitted.x.copy(), fitted.jacobian.copy()
     for candidate, k in _shared(problem, fitted.effects):
@@ -41,12 +37,7 @@ def with_totals(problem: Problem, fitted: Fit) -> Fit:
 
 
 def is_held(problem: Problem, fitted: Fit) -> NDArray[np.bool_]:
-    """True for base parameters at their nominal value for which an effect stands, shape (parameters,).
-
-    Args:
-      problem: The data and the scale.
-      fitted: The fitted model, with totals.
-    """
+    """True for base parameters at their nominal value for which an effect stands, shape (parameters,)."""
     held = np.zeros(len(fitted.x), bool)
     for _, k in _shared(problem, fitted.effects):
         held[k] = fitted.x[k] == problem.replay.base[k].nominal

@@ -23,12 +23,6 @@ def parameter_reach(
 
     t √(V + S): V is the variance by leaving out conditions, S that by the choice of the model, and t that of
     Student for as many conditions.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The fitted model, with totals.
-      used: Blocks that it was fitted to, shape (blocks,).
-      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
     jacobian = problem.central_jacobian(fitted.x, fitted.effects)
     jacobian[:, is_held(problem, fitted)] = 0.0
@@ -38,13 +32,7 @@ def parameter_reach(
 
 
 def undetermined(problem: Problem, fitted: Fit, reach: Array) -> frozenset[str]:
-    """Labels of effects with one amplitude whose 90 % interval includes the value at which they vanish.
-
-    Args:
-      problem: The data and the scale.
-      fitted: The fitted model, with totals.
-      reach: Its `parameter_reach`, shape (parameters,).
-    """
+    """Labels of effects with one amplitude that may vanish within its `parameter_reach`."""
     found = []
     for candidate in fitted.effects:
         own = parameter_slice(problem, fitted, candidate)
@@ -71,10 +59,7 @@ def model_deviations(
     averaging, Burnham and Anderson 2002).
 
     Args:
-      problem: The data and the scale.
       fitted: The fitted model; parameters whose column of the Jacobian is 0 stay as they are.
-      used: Blocks that it was fitted to, shape (blocks,).
-      sensitivities: Those of a model near it; simulated at the model itself when None.
     """
     taken = fitted.labels
     left = [c for c in problem.replay.candidates if c.label not in taken]

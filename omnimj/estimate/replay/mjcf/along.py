@@ -74,14 +74,11 @@ class Dynamics:
         machine: Machine,
         log: MachineLog,
         sensors: tuple[str, ...],
-        stated: Sequence[Mapping[Part, float]] = (),
+        stated: Sequence[Mapping[Part, float]],
     ):
         """Prepare the models.
 
         Args:
-          machine: The machine.
-          log: Its logs.
-          sensors: Measured sensors.
           stated: Masses that a run states, for each stretch; those of the model everywhere when empty.
         """
         self._machine, self._log = machine, log
@@ -97,7 +94,6 @@ class Dynamics:
         """Motion and rigid-body forces under a setting.
 
         Args:
-          laws: The machine under the setting.
           commands: Effective inputs, shape (n, j); None: springs are loaded by the links' motion alone.
         """
         if not laws.joints[:, COMPLIANCE].any() and not laws.joints[self._on_link, PLAY].any():
@@ -259,9 +255,6 @@ class Dynamics:
         """Mean positions and speeds in free windows, NaN elsewhere, shape (blocks, 2 j).
 
         Args:
-          laws: The machine under a setting.
-          motion: Its measured motion.
-          curve: Free curve of the setting.
           commands: Effective inputs, shape (n, j).
           chosen: Windows to simulate, shape (w, WINDOW).
           substeps: Steps per row.

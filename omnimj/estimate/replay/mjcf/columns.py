@@ -75,11 +75,6 @@ def measured_parts(dataset: Dataset, machine: Machine) -> MeasuredParts:
 def stated_masses(run: Run, machine: Machine, place: object) -> dict[Part, float]:
     """Masses of bodies that a run states by its conditions `mass:BODY` [kg].
 
-    Args:
-      run: A run of the machine.
-      machine: The machine.
-      place: Path of the dataset, for messages.
-
     Raises:
       UnknownNameError: The MJCF file has no such body; the message lists its bodies.
     """

@@ -41,8 +41,6 @@ def free_runs(runs: Sequence[Run], machine: Machine, place: Path) -> tuple[tuple
 
     Args:
       runs: Runs with the positions of all joints.
-      machine: The machine; its geoms tell what can touch.
-      place: Dataset, for messages.
 
     Returns:
       Runs with the other rows, those without any left out; notes on what was left out.

@@ -26,12 +26,7 @@ _MOVES = {
 
 
 def machine_experiments(machine: Machine, spans: Spans) -> tuple[Experiment, ...]:
-    """Candidate motions of every excited joint; the other joints stay in the middle of their range.
-
-    Args:
-      machine: The machine.
-      spans: Range of each joint.
-    """
+    """Candidate motions of every excited joint; the other joints stay in the middle of their range."""
     found = []
     for joint in machine.joints:
         if spans[joint].is_excited:
@@ -69,9 +64,6 @@ def moved_log(log: MachineLog, joints: Sequence[str], spans: Spans, experiment: 
 
     Args:
       log: Measured logs, whose clock and filters it has.
-      joints: Names of the joints.
-      spans: Range of each joint.
-      experiment: One of `machine_experiments`.
     """
     share, pace, _ = _MOVES[str(experiment.run["move"])]
     count = round(float(experiment.run["duration"]) / log.period) // log.size * log.size

@@ -72,13 +72,7 @@ def limited_speed(position: Array, speed: Array, width: int, period: float) -> A
 
     A local cubic overshoots beside a stop: for some rows a joint that rests seems to move backwards. The
     slopes of straight lines over half of the width, one of which lies in the rest, do not. Slope limiters of
-    finite volumes take the same minimum (minmod).
-
-    Args:
-      position: Shape (n,).
-      speed: By local cubics, shape (n,).
-      width: Samples of a cubic, odd.
-      period: Time between the samples [s].
+    finite volumes take the same minimum (minmod). Position and speed have the shape (n,), the width is odd.
     """
     half = width // 2
     ramp = np.arange(half + 1) - 0.5 * half

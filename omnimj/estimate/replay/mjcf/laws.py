@@ -133,7 +133,6 @@ class LawMaker:
 
         Args:
           base: Base parameters: those of `uncertain`, then `TIMING`.
-          setting: Their values, and those of the effects.
         """
         values = dict(zip([b.name for b in base], np.asarray(setting.base, float).tolist(), strict=True))
         own = {one.part: values[one.name] - one.beyond for one in self.uncertain}

@@ -33,6 +33,7 @@ _CLEAR = 0.1  # noise of the acceleration over its RMS in motion
 _REST = 6.0  # noise of the smoothed speed up to which a joint counts as at rest
 _SLOWEST = 2e-3  # least such speed over the top speed
 _FEWEST = 24  # samples of a stretch
+_GAP = 3.5  # sample periods between two samples from which on a gap is assumed
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,6 @@ def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -
     """Resample all runs to a common clock, smooth them, and cut them into stretches, windows and blocks.
 
     Args:
-      runs: Runs of the machine.
-      parts: Its measured joints, inputs and sensors.
       window: Length of a free window [s].
 
     Raises:
@@ -158,7 +157,7 @@ def _cut_run(index: int, run: Run, parts: MeasuredParts, period: float):
     """Yield the stretches of a run, resampled to a clock of the given period [s]."""
     names = [n for n in run.columns if ":" in n]
     needed = [f"position:{name}" for name in parts.joints]
-    for part in split_at_gaps(run, float(np.median(np.diff(run.time)))):
+    for part in split_at_gaps(run.time, _GAP * float(np.median(np.diff(run.time)))):
         time = run.time[part]
         clock = time[0] + np.arange(int((time[-1] - time[0]) / period * (1.0 + 1e-12)) + 1) * period
         found = {n: on_clock(run, n, run.columns[n], part, clock) for n in names}

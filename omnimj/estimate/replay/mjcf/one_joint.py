@@ -83,8 +83,6 @@ def free_windows_of_one_joint(body, law, curve, windows, step, given, blocks):
     """Simulate free windows from the measured state and average the positions over the blocks.
 
     Args:
-      body: `OneJoint`.
-      law: Law of the joint, shape (LAW,).
       step: Time step [s].
       curve, windows, given, blocks: As for `kernels.free_windows`; arrays over the joints have one column.
     """

@@ -71,7 +71,6 @@ def links_behind_play(
 
     Args:
       joints: Laws of the joints, shape (j, LAW).
-      log: Its stretches and filters.
       motion: Measured position, speed and acceleration, shape (n, j) each.
       rigid: Rigid-body forces along the measured motion, shape (n, j) [N or N.m].
       inertia: Inertia of the links about their own joint, shape (n, j) [kg or kg.m2].
@@ -99,7 +98,6 @@ def motors_before_play(joints: Array, log: MachineLog, play: Play, motion: tuple
 
     Args:
       joints: Laws of these joints, shape (j, LAW); without play for the others.
-      log: Its stretches and filters.
       play: Links behind their play; the force of these motors is added.
       motion: Effective inputs, position, speed and acceleration of the links, rigid-body forces along it and
         inertia of the links about their own joint, shape (n, j) each.
@@ -126,11 +124,6 @@ def follow_motors(law, stretches, h, drive, motion, force):
     own forces: the measured motion, which is smoothed, shows the blow before it falls.
 
     Args:
-      law: Law of the joint, shape (LAW,).
-      stretches: Table of stretches.
-      h: Time between rows [s].
-      drive: `Drive` of the joint.
-      motion: `JointMotion` of the link.
       force: Filled with J q̈_m − J q̈, shape (n,) [N or N.m].
     """
     half, commands, rigid, inertia = 0.5 * law[PLAY], drive.commands, motion.rigid, motion.inertia
@@ -194,10 +187,6 @@ def follow_links(law, stretches, h, motion, found):
     """Follow the link of one joint behind its play, over all stretches.
 
     Args:
-      law: Law of the joint, shape (LAW,).
-      stretches: Table of stretches.
-      h: Time between rows [s].
-      motion: `JointMotion` of the motor.
       found: Filled with gap, additional force, speed of the link, and contact, shape (4, n).
     """
     half, rigid, inertia = 0.5 * law[PLAY], motion.rigid, motion.inertia

@@ -1,4 +1,4 @@
-"""Results that threads share, the least recently used forgotten first."""
+"""Thread-safe cache that drops the least recently used result first."""
 
 from __future__ import annotations
 
@@ -13,11 +13,7 @@ class Remembered(Generic[T]):
     """Some results by their keys."""
 
     def __init__(self, most: int):
-        """Remember nothing yet.
-
-        Args:
-          most: Number of results that are kept.
-        """
+        """Remember up to `most` results."""
         self._most, self._lock = most, threading.Lock()
         self._found: dict[Hashable, T] = {}
 

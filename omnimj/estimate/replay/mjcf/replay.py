@@ -86,25 +86,17 @@ class MachineReplay:
     backward_elimination = False
     structures: tuple[Structure, ...] = ()
 
-    def __init__(
-        self, dataset: Dataset, machine: Machine, *, window: float = WINDOW, threads: int | None = None
-    ):
+    def __init__(self, dataset: Dataset, machine: Machine):
         """Prepare the logs.
-
-        Args:
-          dataset: Measured runs of the machine.
-          machine: The machine of the MJCF file, with its uncertainties and effects.
-          window: Length of a free window [s].
-          threads: Threads for several settings at once; the machine's cores when None.
 
         Raises:
           InputError: A joint or input was not measured, no run is long enough, or bodies touch in all.
           UnknownNameError: A column or a stated mass names a part that the MJCF file does not have.
         """
-        self._machine, self._threads, self.plant = machine, threads, machine.plant
+        self._machine, self.plant = machine, machine.plant
         self.parts = measured_parts(dataset, machine)
         self._runs, contacts = free_runs(dataset.runs, machine, dataset.path)
-        self.log = log = read_machine_log(self._runs, self.parts, window)
+        self.log = log = read_machine_log(self._runs, self.parts, WINDOW)
         stated = [stated_masses(self._runs[k], machine, dataset.path) for k in log.run_of_stretch]
         self._dynamics = Dynamics(machine, log, self.parts.sensors, stated)
         self._windows = self._chosen_windows()
@@ -143,7 +135,7 @@ class MachineReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels, shape (blocks, channels) per setting."""
-        return map_in_threads(self._remembered, settings, self._threads)
+        return map_in_threads(self._remembered, settings)
 
     def _remembered(self, setting: Setting) -> Array:
         """Block means under a setting; a search comes back to its last ones."""
@@ -207,12 +199,7 @@ class MachineReplay:
         return machine_experiments(self._machine, self.spans)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict the inputs that a motion needs, shape (blocks, channels) per setting; other channels NaN.
-
-        Args:
-          settings: Parameter values, one prediction each.
-          experiment: One of `candidate_experiments`.
-        """
+        """Predict the inputs that a motion needs, (blocks, channels) per setting; other channels NaN."""
         log = moved_log(self.log, self.parts.joints, self.spans, experiment)
         stated = added_masses(self._machine, experiment)
         dynamics = Dynamics(self._machine, log, self.parts.sensors, stated)
@@ -404,7 +391,7 @@ class MachineReplay:
         for name, share in zip(self.parts.joints, 1.0 - inside.mean(axis=0), strict=True):
             if share > _NOTED:
                 words = f"position of {name}: {100.0 * share:.2g} % of its windows is left out"
-                yield f"{words}, where an unstable motion makes the error of their start grow"
+                yield f"{words} because unstable motion amplifies the error of their start"
 
     def _compared_inputs(self) -> Array:
         """Measured inputs; of position servos the following error u + g (k_q q + k_v dq/dt)/k, shape (n, j).

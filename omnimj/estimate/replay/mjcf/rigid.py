@@ -55,14 +55,12 @@ class RigidBodies:
         machine: Machine,
         stretches: Sequence[Sequence[int]],
         sensors: Sequence[str],
-        stated: Sequence[Mapping[Part, float]] = (),
+        stated: Sequence[Mapping[Part, float]],
     ):
         """Prepare the models.
 
         Args:
-          machine: The machine.
           stretches: Table of stretches, see `log.STRETCH`.
-          sensors: Measured sensors.
           stated: Masses that a run states, for each stretch; those of the model everywhere when empty.
         """
         self._machine = machine
@@ -81,8 +79,6 @@ class RigidBodies:
         """Rigid-body forces along a motion, shape (n, j) [N or N.m], and readings of sensors, shape (n, s).
 
         Args:
-          laws: The machine under a setting, for its masses, payloads and gravity.
-          motion: The motion.
           key: What the motion depends on; None for a motion that will not come again.
         """
         if key is None or len(self._sensors):
@@ -130,11 +126,7 @@ class RigidBodies:
     def one_joint(
         self, laws: Laws, stated: Mapping[Part, float], masses: Mapping[Part, float] | None = None
     ) -> OneJoint | None:
-        """Rigid-body force of a machine with a single joint; None for any other, see `one_joint`.
-
-        Args:
-          laws, stated, masses: As for `model`.
-        """
+        """Rigid-body force of a machine with a single joint; None for any other, see `one_joint`."""
         if len(laws.joints) != 1:
             return None
         masses = masses or laws.masses
@@ -157,13 +149,7 @@ class RigidBodies:
     def model(
         self, laws: Laws, stated: Mapping[Part, float], masses: Mapping[Part, float] | None = None
     ) -> mujoco.MjModel:
-        """Copy of the model with masses and gravity of a setting, without contacts, limits and islands.
-
-        Args:
-          laws: The machine under the setting.
-          stated: Masses that a run states.
-          masses: Masses in place of those of the setting.
-        """
+        """Copy of the model with a setting's gravity and masses, without contacts, limits and islands."""
         masses, lightest = dict(masses or laws.masses), QUANTITIES[BODY]["mass"].lowest
         for part, mass in stated.items():
             masses[part] = max(masses[part] + mass - self._machine.values[part], lightest)

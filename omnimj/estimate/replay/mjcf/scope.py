@@ -34,15 +34,7 @@ def scope_notes(
     log: MachineLog,
     candidates: Sequence[CandidateEffect],
 ) -> Iterator[str]:
-    """Yield sentences on joints that hardly move, on excited ones, and on effects that are not sought.
-
-    Args:
-      machine: The machine.
-      parts: Its measured joints, inputs and sensors.
-      spans: Range of each joint.
-      log: The runs on a common clock.
-      candidates: Candidate effects of the search.
-    """
+    """Yield sentences on joints that hardly move, on excited ones, and on effects that are not sought."""
     m = machine.mj_model
     for name, span in spans.items():
         if not span.is_excited:
@@ -69,8 +61,8 @@ def _one_way(parts: MeasuredParts, spans: Spans, log: MachineLog) -> Iterator[st
         back = min(float(np.max(speed)), -float(np.min(speed)))
         if spans[name].is_excited and back < _BACK * spans[name].speed:
             yield (
-                f"{NOT_SOUGHT}: joint {name} never turns back in these runs: coulomb and force_offset are "
-                "the same there; move it both ways"
+                f"{NOT_SOUGHT}: joint {name} never turns back in these runs: coulomb and force_offset "
+                "cannot be told apart there; move it both ways"
             )
 
 
@@ -107,7 +99,7 @@ def _lack(
             reason = "without an actuator it transmits nothing but its own friction"
             return Lack(f"joint {name}", reason, "coulomb is the same there")
         if own is None:
-            reason = "it has no actuator beyond a spring or a play"
+            reason = "no actuator drives it through a spring or play"
             return Lack(f"joint {name}", reason, "give it one if it is driven")
         if effect == "backlash":
             reason = f"no force was measured, and {own.column} depends on the motion as well"

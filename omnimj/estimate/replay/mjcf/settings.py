@@ -63,7 +63,6 @@ def base_parameters(machine: Machine, period: float) -> tuple[BaseParameter, ...
     """Uncertain quantities of the machine, and the offset between the clocks of inputs and positions.
 
     Args:
-      machine: The machine with its uncertainties.
       period: Sample period of the log [s].
     """
     found = []
@@ -78,13 +77,7 @@ def base_parameters(machine: Machine, period: float) -> tuple[BaseParameter, ...
 
 
 def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> tuple[CandidateEffect, ...]:
-    """Candidate effects of all parts of a machine that can show in its logs.
-
-    Args:
-      machine: The machine.
-      parts: Its measured joints, inputs and sensors.
-      spans: Range of each joint.
-    """
+    """Candidate effects of all parts of a machine that can show in its logs."""
     found = []
     menu = effects_of(machine.plant)
     for effect in menu.values():
@@ -354,15 +347,7 @@ def free_curves(spans: Spans) -> dict[str, float]:
 def joint_span(
     position: Array, speed: Array, acceleration: Array, force: Array, noise: tuple[float, float]
 ) -> JointSpan:
-    """Span of a joint from its motion and force, shape (n,) each.
-
-    Args:
-      position: Smoothed position.
-      speed: Smoothed speed.
-      acceleration: Smoothed acceleration.
-      force: Force of its actuator, or of its links.
-      noise: Noise of position and smoothed speed.
-    """
+    """Span of a joint from its smoothed motion and the force of its actuator or links, shape (n,) each."""
     low, high, top = float(position.min()), float(position.max()), float(np.abs(speed).max())
     moves = float(np.sqrt(np.mean(speed**2)))
     is_excited = high - low > 10.0 * noise[0] and moves > 5.0 * noise[1]

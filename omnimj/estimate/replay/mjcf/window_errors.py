@@ -37,12 +37,7 @@ class NominalWindows:
     """Windows to simulate, shape (w, WINDOW)."""
 
     def positions(self, motion: Motion, substeps: int) -> Array:
-        """Mean positions in the windows, NaN elsewhere, shape (blocks, j).
-
-        Args:
-          motion: Gives their starts.
-          substeps: Steps per row.
-        """
+        """Mean positions in the windows, NaN elsewhere, shape (blocks, j)."""
         numbers = self.laws, motion, no_curve(), self.commands, self.chosen
         return self.dynamics.windows(*numbers, substeps)[:, : len(self.laws.joints)]
 
@@ -51,10 +46,6 @@ def predictable_blocks(nominal: NominalWindows, log: MachineLog) -> NDArray[np.b
     """Mask of the blocks in which the error of the start has not outgrown that of a free body, (blocks, j).
 
     σ_j(t)² = Σ_i (∂q_j/∂q_i σ_q,i)² + (∂q_j/∂v_i σ_v,i)², by one simulation per joint and kind of error.
-
-    Args:
-      nominal: Windows of the declared machine.
-      log: Its logs, with the noise of positions and speeds.
     """
     found = _predictable(nominal, log, nominal.dynamics.substeps)
     return found if found.all() else _predictable(nominal, log, _FINER * nominal.dynamics.substeps)
@@ -85,7 +76,6 @@ def sufficient_substeps(nominal: NominalWindows, used: NDArray[np.bool_], error:
     """Fewest steps per row, by doubling, whose own error is small against the known errors of the windows.
 
     Args:
-      nominal: Windows of the declared machine.
       used: Blocks that are compared, shape (blocks, j).
       error: Known error of the mean positions, shape (j,).
     """

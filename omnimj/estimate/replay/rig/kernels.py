@@ -86,10 +86,7 @@ def replay_runs(log, parameters, h, steps, out):
     one would be off by more than a period of the rollers.
 
     Args:
-      log: Inputs of all runs, a `Log`.
-      parameters: Rig, effects and floors, `KernelParameters`.
       h: Step of the integration [s].
-      steps: Steps per sample.
       out: Filled with wheel speed, carriage speed and acceleration, shape (samples, OUTPUTS).
     """
     current, first, start = log.current, log.first, log.start
@@ -162,8 +159,6 @@ def observe(series, layout, sensor, result):
 
     Args:
       series: x of all runs, shape (samples,).
-      layout: Samples and blocks of all runs, a `BlockLayout`.
-      sensor: Lag, delay, scale and offset, a `SensorModel`.
       result: Filled with the block means, shape (blocks,).
     """
     first, blocks_first, size = layout.first, layout.blocks_first, layout.size
@@ -203,7 +198,6 @@ def delivered_current(target, wheel_speed, motor, terms, layout, period):
       wheel_speed: Shape (samples,) [rad/s].
       motor: Packed motor, shape (MOTOR_SIZE,).
       terms: Packed effect terms, shape (TERMS,): the supply sags, the winding warms up.
-      layout: Samples of all runs, a `BlockLayout`.
       period: Of a sample [s].
     """
     found, cold, effects = np.empty(len(target)), motor_at(motor), terms_at(terms)

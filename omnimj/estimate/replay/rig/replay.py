@@ -54,13 +54,7 @@ _UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
 
 
 def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Mapping[str, float]) -> Array:
-    """Motor current [A]: the monitor's reading without its scale, offset and delay, shape (samples,).
-
-    Args:
-      runs: The runs.
-      channels: Effects on the sensors, by channel.
-      lags: Small lag of each channel [s].
-    """
+    """Motor current [A]: the monitor's reading without its scale, offset and delay, shape (samples,)."""
     change = channels.get("current", ChannelEffect())
     scale = math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale)
     current = (runs.current - change.offset) / scale
@@ -71,11 +65,6 @@ def true_angle(runs: RigRuns, changed: AppliedEffects, lags: Mapping[str, float]
     """Wheel angle [rad] from the measured speed, without the scale, lag and delay of that channel.
 
     A speed filter with time constant τ delays the angle by τ ω, and so does a delay.
-
-    Args:
-      runs: The runs.
-      changed: The machine with its effects.
-      lags: Small lag of each channel [s].
 
     Returns:
       Shape (samples,); (0,) for runs that were not measured.
@@ -104,9 +93,6 @@ def sensor_block_means(
 
     Args:
       out: Result of `kernels.replay_runs`, shape (samples, OUTPUTS).
-      runs: The replayed runs.
-      changed: The machine with its effects.
-      lags: Small lag of each channel [s].
     """
     sensors, h = changed.machine.sensors, runs.period
     chain = {

@@ -103,13 +103,10 @@ def _turned(speed: Array, period: float) -> Array:
 
 
 def denoise_current(current: Array) -> Array:
-    """Remove the noise of the current monitor but keep steps: means of neighbours within 4 σ.
+    """Remove the noise of a current, shape (samples,), but keep steps: means of neighbours within 4 σ.
 
     The input of the replay must not be noisy: near standstill friction rectifies noise, and a noisy current
     breaks away where the true one sticks.
-
-    Args:
-      current: Shape (samples,) [A].
     """
     sigma = float(np.median(np.abs(np.diff(current)))) / 0.6745 / np.sqrt(2.0)
     if sigma == 0.0:

@@ -33,8 +33,6 @@ def kernel_parameters(
     """Kernel parameters of a robot.
 
     Args:
-      based: The robot with its effects, its floors, its channels' lags.
-      runs: Gives the declared mass and the floor of each stretch.
       mass_scale: True over declared mass.
       curve: Free force at every wheel.
     """

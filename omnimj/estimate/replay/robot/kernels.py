@@ -278,9 +278,6 @@ def turns_in_windows(stretches, window, size, measured, turned):
     """Subtract the mean over each window from the angle turned.
 
     Args:
-      stretches: Table of stretches, shape (stretches, STRETCH).
-      window: Steps per window.
-      size: Steps per block.
       measured: Measured heading, NaN where masked, shape (blocks,) [rad]; masked blocks do not count.
       turned: Angle, changed in place, shape (blocks,) [rad].
     """
@@ -305,10 +302,6 @@ def replay(log, parameters, rollers, sampling, blocks):
     """Replay all stretches of all runs under one setting.
 
     Args:
-      log: Measured missions, a `Log`.
-      parameters: Robot, effects and floors, `KernelParameters`.
-      rollers: Roller tables and phases, `Rollers`.
-      sampling: Time grid, a `Sampling`.
       blocks: Filled with block means except of the wheel speeds, shape (blocks, CHANNELS).
     """
     sensors = parameters.sensors
@@ -343,7 +336,6 @@ def drive(current, model, h, substeps, truth):
       current: Shape (steps, 4) [A].
       model: `PlanarModel`, motors driven by measured currents.
       h: Time of a step [s].
-      substeps: Steps of the equations per step.
       truth: Filled with the true values of all channels at each step, shape (steps, CHANNELS).
     """
     row, row_out = np.zeros(_STATE), np.zeros(_OUTPUT)

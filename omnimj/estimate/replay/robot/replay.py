@@ -111,14 +111,7 @@ class RobotReplay:
     most_effects, backward_elimination, notes = MOST_EFFECTS, False, ()
     structures: tuple[Structure, ...] = ()
 
-    def __init__(
-        self,
-        dataset: Dataset,
-        robot: Robot,
-        floors: Mapping[str, Floor],
-        *,
-        threads: int | None = None,
-    ):
+    def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.
 
         Raises:
@@ -126,7 +119,6 @@ class RobotReplay:
           UnknownNameError: Unknown floor.
         """
         self._robot, self._floors = robot, dict(floors)
-        self._threads = threads
         self._runs = robot_runs(dataset, robot, self._floors)
         self.channels = _channels(robot.sensors)
         self.segments, self.measured = self._runs.segments, self._runs.measured[:, _COMPARED]
@@ -167,7 +159,7 @@ class RobotReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
-        return map_in_threads(lambda s: self._replay(s, self._runs), settings, self._threads)
+        return map_in_threads(lambda s: self._replay(s, self._runs), settings)
 
     def based(self, setting: Setting) -> AdjustedMachine[Robot]:
         """Robot with the base parameters and effects of a setting."""
@@ -225,7 +217,7 @@ class RobotReplay:
             off = self._replay(setting, self._runs, self._rollers, phases) - self.measured
             return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.segments])
 
-        sums = np.stack(map_in_threads(misfit, range(_PHASES), self._threads))
+        sums = np.stack(map_in_threads(misfit, range(_PHASES)))
         best = sums.argmin(axis=0)
 
         def near(k: int) -> Array:
@@ -245,7 +237,7 @@ class RobotReplay:
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
         """Predict block means of a run driven under the first setting, shape (blocks, channels) each."""
         runs = self._experiment_runs(settings[0], experiment)
-        return map_in_threads(lambda s: self._replay(s, runs), settings, self._threads)
+        return map_in_threads(lambda s: self._replay(s, runs), settings)
 
     def _experiment_runs(self, setting: Setting, experiment: Experiment) -> RobotRuns:
         """Candidate run under one setting, driven from rest by given currents."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -23,8 +22,9 @@ from omnimj.estimate.replay.robot.kernels import (
     Log,
     turns_in_windows,
 )
+from omnimj.estimate.replay.stretches import split_at_gaps
 from omnimj.parameters import Floor, Robot
-from omnimj.physics.kinematics import rolling_matrix
+from omnimj.physics.kinematics import rolling_matrix, turned
 from omnimj.plant.interface import robot_channels
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
@@ -146,7 +146,6 @@ def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> Ro
 
     Args:
       values: Values of every channel at each step, shape (steps, 12).
-      floor: Its floor.
       mass: Declared mass [kg].
       like: Gives sizes of blocks and windows.
     """
@@ -198,14 +197,13 @@ def _low_passed(time: Array, values: Array, constant: float) -> Array:
 
 def _stretches(run: Run, inverse: Array, chain: Array) -> list[_Stretch]:
     """Split a run at its gaps into stretches that are long enough."""
-    step = np.diff(run.time)
-    longest = max(_GAP, _GAP_PERIODS * float(np.median(step)))
-    cuts = [0, *(np.flatnonzero(step > longest) + 1).tolist(), len(run.time)]
-    found = []
-    for a, b in itertools.pairwise(cuts):
-        if b - a > 2 and run.time[b - 1] - run.time[a] >= _SHORTEST:
-            found.append(_stretch(run, slice(a, b), inverse, chain))
-    return found
+    longest = max(_GAP, _GAP_PERIODS * float(np.median(np.diff(run.time))))
+    parts = [(part, run.time[part]) for part in split_at_gaps(run.time, longest)]
+    return [
+        _stretch(run, part, inverse, chain)
+        for part, time in parts
+        if len(time) > 2 and time[-1] - time[0] >= _SHORTEST
+    ]
 
 
 def _stretch(run: Run, part: slice, inverse: Array, chain: Array) -> _Stretch:
@@ -270,10 +268,6 @@ def body_twist(runs: RobotRuns, robot: Robot) -> Array:
     return robot.wheel.radius * runs.log.speed @ np.linalg.pinv(rolling).T
 
 
-def _per_block(runs: RobotRuns, values: Array) -> Array:
-    return values.reshape(-1, runs.size, *values.shape[1:]).mean(axis=1)
-
-
 def _along(runs: RobotRuns, rates: Array) -> Array:
     """Integrate rates over time, from 0 at the start of each stretch; same shape as the rates."""
     parts = [np.cumsum(rates[a:b], axis=0) * STEP for a, b, _ in runs.log.stretches]
@@ -282,8 +276,7 @@ def _along(runs: RobotRuns, rates: Array) -> Array:
 
 def _world(runs: RobotRuns, twist: Array) -> Array:
     """Rotate the body velocity into the world frame, shape (steps, 2) [m/s]."""
-    c, s = np.cos(runs.log.yaw[:, 0]), np.sin(runs.log.yaw[:, 0])
-    return np.stack([c * twist[:, 0] - s * twist[:, 1], s * twist[:, 0] + c * twist[:, 1]], axis=1)
+    return turned(twist[:, :2], runs.log.yaw[:, 0])
 
 
 def variable_spans(runs: RobotRuns, robot: Robot) -> dict[str, tuple[float, float]]:
@@ -304,7 +297,8 @@ def variable_spans(runs: RobotRuns, robot: Robot) -> dict[str, tuple[float, floa
 def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
     """Regime variables: name → unit and values, shape (blocks,); constant ones are left out."""
     steps = body_twist(runs, robot)
-    twist = _per_block(runs, steps)
+    size = runs.size
+    twist = average_blocks(steps, size)
     speed = np.hypot(twist[:, 0], twist[:, 1])
     found = {
         "speed": ("m/s", speed),
@@ -315,22 +309,22 @@ def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
             "m/s2",
             np.hypot(*np.nan_to_num(runs.measured[:, ACCELERATION : ACCELERATION + 2]).T),
         ),
-        "current": ("A", np.abs(_per_block(runs, runs.log.current)).mean(axis=1)),
-        "position": ("m", _per_block(runs, _along(runs, _world(runs, steps)))[:, 0]),
-        "heading": ("rad", _per_block(runs, runs.log.yaw)[:, 0]),
-        "time": ("s", _per_block(runs, runs.log.times)),
+        "current": ("A", np.abs(average_blocks(runs.log.current, size)).mean(axis=1)),
+        "position": ("m", average_blocks(_along(runs, _world(runs, steps)), size)[:, 0]),
+        "heading": ("rad", average_blocks(runs.log.yaw, size)[:, 0]),
+        "time": ("s", average_blocks(runs.log.times, size)),
     }
-    turned = _per_block(runs, _along(runs, runs.log.speed))
+    angles = average_blocks(_along(runs, runs.log.speed), size)
     for i in range(WHEELS):
-        found[f"wheel_angle_{i + 1}"] = ("rad", turned[:, i])
+        found[f"wheel_angle_{i + 1}"] = ("rad", angles[:, i])
     rows = [(slice(p.first, p.last), p.time) for p in runs.segments]
     since = [_since_reversal(twist[own, :2], speed[own], time) for own, time in rows]
     found["reversal"] = ("s", np.concatenate(since))
-    size = np.array([p.last - p.first for p in runs.segments])
+    counts = np.array([p.last - p.first for p in runs.segments])
     if len(set(runs.floor)) > 1:
-        found["floor"] = ("", np.repeat(np.array(runs.floor), size))
+        found["floor"] = ("", np.repeat(np.array(runs.floor), counts))
     if len(set(runs.mass.tolist())) > 1:
-        found["load"] = ("kg", np.repeat(runs.mass, size))
+        found["load"] = ("kg", np.repeat(runs.mass, counts))
     return {n: (unit, v) for n, (unit, v) in found.items() if v.dtype.kind == "U" or np.ptp(v) > 0.0}
 
 

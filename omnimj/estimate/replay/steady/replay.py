@@ -34,7 +34,7 @@ from omnimj.estimate.replay.steady.runs import SteadyRuns, steady_runs
 from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters import Floor, Robot
 from omnimj.physics.equilibrium import steady_rows
-from omnimj.physics.kinematics import rolling_matrix
+from omnimj.physics.kinematics import rolling_matrix, turned
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.planar import PlanarModel
 from omnimj.physics.wheel import packed
@@ -145,7 +145,7 @@ class SteadyReplay:
             found = rows[own]
             steady_rows(model, runs.wheel_speed[own], extra, found)
             rows[own] = found
-            rows[own, :2] = _turned_back(found[:, :2], self._marker(setting, name))
+            rows[own, :2] = turned(found[:, :2], -self._marker(setting, name))
         return _readings(rows, changed.channels)
 
     def true_rows(self, setting: Setting) -> Array:
@@ -155,7 +155,7 @@ class SteadyReplay:
         angle, scale = channels.get("heading", none).offset, channels.get("x", none).scale
         for name in dict.fromkeys(self._runs.floor):
             own = _blocks_on(self._runs, name)
-            rows[own, :2] = _turned_back(rows[own, :2], -angle - self._marker(setting, name)) / scale
+            rows[own, :2] = turned(rows[own, :2], angle + self._marker(setting, name)) / scale
         for i in range(rows.shape[1] - 3):
             reading = channels.get(f"current_{i + 1}", none)
             rows[:, 3 + i] = (rows[:, 3 + i] - reading.offset) / reading.scale
@@ -278,19 +278,12 @@ def _marker_angle(floor: str) -> BaseParameter:
     return BaseParameter(f"{floor}.heading", "rad", 0.0, -_MARKER, _MARKER, words)
 
 
-def _turned_back(velocity: Array, angle: float) -> Array:
-    """Velocity as a heading shows it that reads too much by an angle, shape (blocks, 2)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    ahead, left = velocity.T
-    return np.column_stack([cos * ahead + sin * left, cos * left - sin * ahead])
-
-
 def _readings(rows: Array, channels: Mapping[str, ChannelEffect]) -> Array:
     """Rows as the sensors show them: turned by the marker's angle, scaled, currents by their monitors."""
     found = rows.copy()
     none = ChannelEffect()
     angle, scale = channels.get("heading", none).offset, channels.get("x", none).scale
-    found[:, :2] = scale * _turned_back(rows[:, :2], angle)
+    found[:, :2] = scale * turned(rows[:, :2], -angle)
     for i in range(rows.shape[1] - 3):
         reading = channels.get(f"current_{i + 1}", none)
         found[:, 3 + i] = reading.scale * rows[:, 3 + i] + reading.offset

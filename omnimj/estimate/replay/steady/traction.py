@@ -43,8 +43,6 @@ def traction_curves(
     """Traction over slip at up to three rolling speeds, floor by floor.
 
     Args:
-      replay: Steady runs.
-      before: The given model, refitted.
       after: The model with the named effects; None without any. Points are those of the last model.
     """
     return tuple(_on_floor(replay, name, before, after) for name in replay.blocks())
