@@ -213,20 +213,9 @@ def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
 
 
 def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
-    """Record one run: measurements and set current until the carriage reaches the end of the rail.
+    """Record measurements and set current of a `RigExcitation` up to the end of the rail.
 
-    Args:
-      rig: True rig, with its effects.
-      nominal: Unused, since nothing is controlled.
-      condition: Condition whose drive is a `RigExcitation`.
-      config: Plant, seed and progress callback.
-
-    Returns:
-      Columns of the run, shape (samples,) each.
-
-    Raises:
-      SimulationError: The simulation failed.
-      KeyboardInterrupt: Ctrl-C was pressed.
+    A `RecordRun`; nothing is controlled, so that the nominal rig is not used.
     """
     drive: RigExcitation = condition.drive
     floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])

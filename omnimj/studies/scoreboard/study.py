@@ -73,13 +73,7 @@ class ScoreboardResult:
 def run_scoreboard(
     config: ScoreboardConfig, report: Progress, executor: Executor | None = None
 ) -> ScoreboardResult:
-    """Search all sets without a result, and compare all results with publications; see `run_study`.
-
-    Raises:
-      InputError: A path holds no set, or the folder holds something else or other settings.
-      OutputError: A file cannot be written; finished results are kept.
-      SimulationError: A worker died; finished results are kept.
-    """
+    """Search all sets without a result, and compare all results with publications; see `run_study`."""
     return run_study(_Scoreboard(config), report, executor)
 
 
