@@ -14,7 +14,7 @@ from omnimj.plant.interface import robot_channels
 from omnimj.signals import Array, Reference
 from omnimj.simulate.driving import drive
 from omnimj.simulate.loop import Callbacks, require_complete
-from omnimj.simulate.plants import make_robot_plant
+from omnimj.simulate.plants import make_simulated
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 MISSIONS = 6
@@ -121,7 +121,7 @@ def record_robot(
 ) -> Mapping[str, Array]:
     """Record a mission, given as `Reference`: measurements, set currents and true pose (a `RecordRun`)."""
     floor = str(condition.conditions["floor"])
-    plant = make_robot_plant(config.plant, robot, floor, config.floors, seed=config.seed)
+    plant = make_simulated(config.plant, robot, floor, config.floors, seed=config.seed)
     try:
         controller = CompiledController(Controller(nominal, period=plant.period))
         trace = drive(plant, controller, condition.drive, Callbacks(config.progress))

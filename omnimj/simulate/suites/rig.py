@@ -13,7 +13,7 @@ from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import Array, CurrentCommand
 from omnimj.simulate.driving import drive_rig
 from omnimj.simulate.loop import Callbacks, require_complete
-from omnimj.simulate.plants import make_rig_plant
+from omnimj.simulate.plants import make_simulated
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 RAIL_MARGIN = 0.03
@@ -220,7 +220,7 @@ def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) 
     drive: RigExcitation = condition.drive
     floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
     options = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": config.seed}
-    plant = make_rig_plant(config.plant, rig, floor, config.floors, **options)
+    plant = make_simulated(config.plant, rig, floor, config.floors, **options)
     try:
         trace = drive_rig(plant, drive.current, Callbacks(config.progress))
     finally:
