@@ -23,7 +23,8 @@ from omnimj.recording.importing.quality import (
     suspicious_wheels,
     time_quality,
 )
-from omnimj.recording.importing.tables import SourceHints, SourceTable, read_source
+from omnimj.recording.importing.source import read_source
+from omnimj.recording.importing.tables import SourceHints, SourceTable
 from omnimj.recording.importing.topics.join import TopicSummary
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.json_files import write_text
