@@ -83,7 +83,7 @@ class ImportPlan:
     scalars: dict[str, str]
     """Single values of the first file."""
     topics: tuple[TopicSummary, ...]
-    """Topics of the first file; empty for logs that are no recorded messages."""
+    """Topics of the first file; empty for logs that are not message recordings."""
 
 
 def plan_import(config: ImportConfig, progress: Progress | None = None) -> ImportPlan:
@@ -204,7 +204,7 @@ def _quality_notes(
 ) -> list[str]:
     known = plant_columns(mapping.plant, MAX_WHEELS)
     unknown = [name for name in mapping.columns if not known.has(name)]
-    notes = [f"{name} is no column of {mapping.plant}: kept, and ignored by omnimj" for name in unknown]
+    notes = [f"{name} is not a column of {mapping.plant}; omnimj keeps but ignores it" for name in unknown]
     notes += [
         f"run {name}: {found.rate:.3g} samples per second; a dataset has 20 or more"
         for name, found in quality.items()
