@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.parameters.reading import Rule, check_number
+from omnimj.parameters.reading import Rule, check_flag, check_number
 from omnimj.signals import Array
 
 # wide bounds that keep every reference finite
@@ -143,10 +143,7 @@ class DriveTable:
 
     def flag(self, key: str, default: bool) -> bool:
         """Boolean of a key."""
-        value = self.content.get(key, default)
-        if not isinstance(value, bool):
-            raise InputError(self.at(key), f"found {value!r}", "must be true or false")
-        return value
+        return check_flag(self.at(key), self.content.get(key, default))
 
     def text(self, key: str) -> str | None:
         """Text of a key; None without it or where it is empty."""

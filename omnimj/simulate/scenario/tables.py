@@ -12,7 +12,7 @@ from omnimj.control.cascade.allocation import SCALES
 from omnimj.control.detection.detector import OPTION_FLAGS, DetectorOptions, checked_options
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.mjcf_model import MJCF_SUFFIX
-from omnimj.parameters.reading import Rule, check_number
+from omnimj.parameters.reading import Rule, check_choice, check_flag, check_number, require_keys
 from omnimj.resources import models_folder
 from omnimj.simulate.kinematic import KinematicCase
 
@@ -127,9 +127,7 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     """
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed", DIAGNOSIS_KEYS)
-    for key in table:
-        if key not in DIAGNOSIS_KEYS:
-            raise UnknownNameError(place, "key", key, DIAGNOSIS_KEYS)
+    require_keys(place, table, DIAGNOSIS_KEYS)
     usual, floor = DetectorOptions(), table.get("floor")
     if floor is not None and not isinstance(floor, str):
         raise InputError(f"{place}.floor", f"found {floor!r}", "a string is needed")
@@ -157,15 +155,9 @@ def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
     """
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed")
-    for key in table:
-        if key not in KINEMATIC_KEYS:
-            raise UnknownNameError(place, "key", key, KINEMATIC_KEYS)
-    plant = table.get("plant", "corrected")
-    if plant not in tuple(SCALES):
-        raise UnknownNameError(f"{place}.plant", "kinematic plant", plant, SCALES)
-    freely = table.get("lost_wheel_turns_freely", False)
-    if not isinstance(freely, bool):
-        raise InputError(f"{place}.lost_wheel_turns_freely", f"found {freely!r}", "must be true or false")
+    require_keys(place, table, KINEMATIC_KEYS)
+    plant = check_choice(f"{place}.plant", table.get("plant", "corrected"), SCALES, "kinematic plant")
+    freely = check_flag(f"{place}.lost_wheel_turns_freely", table.get("lost_wheel_turns_freely", False))
     lost = table.get("lost_wheel")
     if lost is not None:
         lost = int(check_number(f"{place}.lost_wheel", lost, Rule(1, wheels, False), whole=True))
