@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import IO, Any
 
 import numpy as np
@@ -32,18 +31,6 @@ _CHANNELS = 12
 _TIMEOUT = 5.0  # [s] to wait for one answer
 _PART = 200  # round trips of one kind before the other, so that both run under the same load
 _WARM_UP_TRIPS = 100
-
-
-@dataclass(frozen=True)
-class CodecTime:
-    """Encoding and decoding time of one kind of frame on one kind of link."""
-
-    name: str
-    """Frame and link, such as `telemetry serial keyed`."""
-    encode: float
-    """Time from record to bytes [s]."""
-    decode: float
-    """Time from bytes to record [s]."""
 
 
 def _codec_frames() -> dict[str, Frame]:
@@ -71,34 +58,31 @@ def _min_mean_time(work: Callable[[], object], times: int, rounds: int) -> float
     return min(means)
 
 
-def codec_times(times: int = 10_000, rounds: int = 5) -> tuple[CodecTime, ...]:
+def codec_times(times: int = 10_000, rounds: int = 5) -> dict[str, tuple[float, float]]:
     """Measure the codec with telemetry of 12 channels and commands of 4 currents on every kind of link.
 
     Args:
       times: Frames per round.
       rounds: Number of rounds; the shortest mean is reported.
+
+    Returns:
+      Frame and link, such as `telemetry serial keyed` → time from record to bytes, and back [s].
     """
-    found = []
+    found = {}
     for name, frame in _codec_frames().items():
         for key in (None, Key(random.Random(1).randbytes(KEY_SIZE))):
             keyed = " keyed" if key else ""
             packet = encode(frame, key)
             stuffed = stuff(packet)[:-1]
-            found.append(
-                CodecTime(
-                    f"{name} udp{keyed}",
-                    _min_mean_time(lambda f=frame, k=key: encode(f, k), times, rounds),
-                    _min_mean_time(lambda p=packet, k=key: decode(p, k), times, rounds),
-                )
+            found[f"{name} udp{keyed}"] = (
+                _min_mean_time(lambda f=frame, k=key: encode(f, k), times, rounds),
+                _min_mean_time(lambda p=packet, k=key: decode(p, k), times, rounds),
             )
-            found.append(
-                CodecTime(
-                    f"{name} serial{keyed}",
-                    _min_mean_time(lambda f=frame, k=key: stuff(encode(f, k)), times, rounds),
-                    _min_mean_time(lambda s=stuffed, k=key: decode(unstuff(s) or b"", k), times, rounds),
-                )
+            found[f"{name} serial{keyed}"] = (
+                _min_mean_time(lambda f=frame, k=key: stuff(encode(f, k)), times, rounds),
+                _min_mean_time(lambda s=stuffed, k=key: decode(unstuff(s) or b"", k), times, rounds),
             )
-    return tuple(found)
+    return found
 
 
 class EchoLost(OmnimjError, ConnectionError):
@@ -118,10 +102,10 @@ def measure_link(times: int, trips: int) -> dict[str, float]:
     codec = codec_times(times)
     found = {}
     for keyed in (False, True):
-        of_kind = [one for one in codec if one.name.endswith("keyed") is keyed]
         name = "codec_keyed" if keyed else "codec"
-        found[f"{name}_encode_us"] = 1e6 * max(one.encode for one in of_kind)
-        found[f"{name}_decode_us"] = 1e6 * max(one.decode for one in of_kind)
+        of_kind = [both for kind, both in codec.items() if kind.endswith("keyed") is keyed]
+        encoding, decoding = zip(*of_kind, strict=True)
+        found[f"{name}_encode_us"], found[f"{name}_decode_us"] = 1e6 * max(encoding), 1e6 * max(decoding)
     found |= _figures("udp", *_udp_trips(trips))
     if os.name == "posix":
         found |= _figures("serial", *_serial_trips(trips))

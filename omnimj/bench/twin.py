@@ -9,7 +9,26 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import mujoco.batch
 import numpy as np
+
+from omnimj.bench.control import full_controller
+from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
+from omnimj.parameters import Robot, read_floors, read_robot
+from omnimj.plant.mujoco import slots
+from omnimj.plant.mujoco.assembly import robot_model
+from omnimj.plant.mujoco.callback import install, repeat_callbacks
+from omnimj.plant.mujoco.twin import RobotTwin
+from omnimj.plant.planar import PlanarRobot
+from omnimj.recording.traces import write_trace
+from omnimj.signals import Reference
+from omnimj.simulate.driving import drive, drive_stepwise
+from omnimj.simulate.run import run_scenario
+from omnimj.simulate.scenario.scenario import read_scenario
+from omnimj.simulate.suites.missions import mission
+from omnimj.view.rerun.recording import write_recording_of
 
 _CURRENTS = (0.3, -0.8, 0.1, 0.7)
 _CALCULATIONS = 20
@@ -34,8 +53,6 @@ def _times(rounds: int, *works: Callable[[], object]) -> np.ndarray:
 
 
 def _moving(mj_model: Any) -> Any:
-    import mujoco
-
     mj_data = mujoco.MjData(mj_model)
     mj_data.ctrl[:] = _CURRENTS
     mujoco.mj_step(mj_model, mj_data, 300)
@@ -44,9 +61,6 @@ def _moving(mj_model: Any) -> Any:
 
 def _with_solver_contact(mj_model: Any, friction: bool) -> Any:
     """Copy a model to use MuJoCo's own contact; return it with the robot in the same state of motion."""
-    import mujoco
-
-    from omnimj.plant.mujoco import slots
 
     other = mj_model.__copy__()
     other.actuator_user[0, slots.MAGIC] = 0.0
@@ -63,12 +77,6 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
 
     Steps are of 1 ms; the shortest time of several rounds is reported.
     """
-    import mujoco
-    import mujoco.batch
-
-    from omnimj.parameters import read_floors, read_robot
-    from omnimj.plant.mujoco.assembly import robot_model
-    from omnimj.plant.mujoco.callback import install, repeat_callbacks
 
     install()
     mj_model = robot_model(read_robot(), read_floors()["natural_stone"], lean=True)
@@ -111,19 +119,11 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
       duration: Duration of a run [s].
       rounds: Number of interleaved rounds; the medians over them are compared.
     """
-    import mujoco
-
-    from omnimj.control.cascade.controller import Controller
-    from omnimj.control.compiled import CompiledController
-    from omnimj.parameters import read_floors, read_robot
-    from omnimj.plant.mujoco.assembly import robot_model
-    from omnimj.plant.mujoco.twin import RobotTwin
-    from omnimj.plant.planar import PlanarRobot
-    from omnimj.simulate.driving import drive, drive_stepwise
 
     robot, floor = read_robot(), read_floors()["natural_stone"]
     twin, planar = RobotTwin(robot, floor, seed=1), PlanarRobot(robot, floor.name, seed=1)
-    plain, (full, plan) = CompiledController(Controller(robot)), _diagnosed_mission(robot, duration)
+    plain, full = CompiledController(Controller(robot)), full_controller(robot)
+    plan = _mission(robot, duration)
     bare, bare_data = _with_solver_contact(robot_model(robot, floor, lean=True), False)
     works = (
         lambda: mujoco.mj_step(bare, bare_data, len(plan.time)),
@@ -154,14 +154,8 @@ def measure_threads(duration: float, rounds: int) -> dict[str, float]:
       rounds: Number of interleaved rounds; the shortest times are compared, as a busy machine seldom has two
         idle cores.
     """
-    from omnimj.parameters import read_floors, read_robot
-    from omnimj.plant.mujoco.assembly import robot_model
-    from omnimj.plant.mujoco.callback import repeat_callbacks
-    from omnimj.plant.mujoco.twin import RobotTwin
-    from omnimj.simulate.driving import drive
-
     robot, floor = read_robot(), read_floors()["natural_stone"]
-    full, plan = _diagnosed_mission(robot, duration)
+    full, plan = full_controller(robot), _mission(robot, duration)
     twins = [RobotTwin(robot, floor, seed=seed) for seed in (1, 2)]
     mj_model = robot_model(robot, floor, lean=True)
     frozen = [_moving(mj_model) for _ in twins]
@@ -187,25 +181,13 @@ def measure_threads(duration: float, rounds: int) -> dict[str, float]:
     return {"two_threads_speedup": 2.0 * one / two, "two_cores_speedup": 2.0 * one_core / two_cores}
 
 
-def _diagnosed_mission(robot: Any, duration: float) -> tuple[Any, Any]:
-    """A controller with diagnosis and recovery, and a mission for it of some duration [s]."""
-    from omnimj.control.cascade.controller import Controller
-    from omnimj.control.compiled import CompiledController
-    from omnimj.control.detection.robust import RobustDetector
-    from omnimj.control.recovery import Recovery
-    from omnimj.simulate.suites.missions import mission
-
-    plan = mission(np.random.default_rng(1), duration, 1.0 / robot.sensors.sample_rate)
-    return CompiledController(Controller(robot), RobustDetector(robot), Recovery(robot)), plan
+def _mission(robot: Robot, duration: float) -> Reference:
+    """A mission for a robot of some duration [s]."""
+    return mission(np.random.default_rng(1), duration, 1.0 / robot.sensors.sample_rate)
 
 
 def measure_run(duration: float) -> dict[str, float]:
     """Measure the real-time factor of a scenario [s], and the cost and size of its Rerun recording."""
-    from omnimj.recording.traces import write_trace
-    from omnimj.simulate.run import run_scenario
-    from omnimj.simulate.scenario.scenario import read_scenario
-    from omnimj.view.rerun.recording import write_recording_of
-
     scenario = read_scenario("circle_8m", (f"duration={duration}", "drive.speed=0.3"))
     run_scenario(scenario)
     walls, shares, size = [], [], 0

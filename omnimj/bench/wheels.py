@@ -6,16 +6,16 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 
 from omnimj.bench.twin import wall_time
+from omnimj.parameters import read_floors, read_robot
+from omnimj.plant.mujoco.assembly import robot_model
+from omnimj.plant.mujoco.callback import install
 from omnimj.signals import Array
 from omnimj.wheels import LAYOUTS, RollerWheel, SolverContact, WheeledRobot, robot_file, wheeled_robot
-
-if TYPE_CHECKING:
-    import mujoco
 
 SPEED = 0.5
 """Speed of the body [m/s]."""
@@ -55,8 +55,6 @@ def roll(mj_model: mujoco.MjModel, robot: WheeledRobot, direction: float, seed: 
       direction: Direction of the commanded velocity in the body's frame [rad].
       seed: Seed of the wheels' angles.
     """
-    import mujoco
-
     ahead = np.array([math.cos(direction), math.sin(direction)])
     command = robot.wheel_speeds(np.array([*(SPEED * ahead), 0.0]))
     mj_data, step = mujoco.MjData(mj_model), mj_model.opt.timestep
@@ -148,8 +146,6 @@ CONTACTS: Mapping[str, Variant] = MappingProxyType(
 
 
 def _model(robot: WheeledRobot, variant: Variant, shape: str) -> mujoco.MjModel:
-    import mujoco
-
     spec = mujoco.MjSpec.from_string(robot_file(robot, variant.contact, variant.touch))
     for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_ELLIPSOID]:
         geom.type, geom.size = (
@@ -228,11 +224,6 @@ def measure_wheels(
 
 def _step_times(chosen: list[Case], models: list[mujoco.MjModel], rounds: int) -> Array:
     """Shortest times of a step, that of omnimj's own robot first, shape (1 + cases,) [µs]."""
-    import mujoco
-
-    from omnimj.parameters import read_floors, read_robot
-    from omnimj.plant.mujoco.assembly import robot_model
-    from omnimj.plant.mujoco.callback import install
 
     install()
     own = robot_model(read_robot(), read_floors()["natural_stone"], lean=True)

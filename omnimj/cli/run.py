@@ -274,9 +274,9 @@ def write_outputs(
     Runs with other methods have a trace each, `trace_off.parquet` and so on, and are shown in `report.html`.
     """
     from omnimj.recording.folder import RUN_FILES, make_folder
+    from omnimj.recording.json_files import write_json
     from omnimj.recording.traces import write_trace
     from omnimj.simulate.detectors import METHODS
-    from omnimj.simulate.summary import write_metrics
     from omnimj.view.report.run import write_report
     from omnimj.view.rerun.recording import write_recording_of
 
@@ -285,7 +285,7 @@ def write_outputs(
     traces = {method: other.trace for method, other in (others or {}).items()}
     for method, trace in traces.items():
         write_trace(folder / _comparison_trace(method), trace)
-    write_metrics(folder / "metrics.json", run.metrics)
+    write_json(folder / "metrics.json", run.metrics)
     write_recording_of(folder / "run.rrd", run)
     with tempfile.TemporaryDirectory() as beside, atomic_file(folder / "report.html") as temporary:
         write_report(temporary, run.trace, run.scenario, run.metrics, _picture_of(run, Path(beside)), traces)

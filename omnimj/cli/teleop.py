@@ -208,7 +208,7 @@ class _Session:
             terminal.drain()
             steering = Steering(self._limits)
             operator = Operator(steering, self._plant.period, terminal, pad, status=self._status)
-            driven = drive_by_hand(self._plant, controller, operator, watch)
+            driven = drive_by_hand(self._plant, controller, operator.target, watch)
         self._plant.close()  # stop the robot before writing anything
         return self._end(driven, live)
 

@@ -21,7 +21,7 @@ from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.recording.dataset import Dataset, Run, require_inertial_unit
 from omnimj.signals import Array, Measurement, RigMeasurement
-from omnimj.simulate.detectors import METHODS, RIG_METHODS, DetectorConfig, detector_for
+from omnimj.simulate.detectors import METHODS, RIG_METHODS, detector_for
 
 PLANTS = ("uto_robot", "quarter_rig")
 """Machines whose logs can be diagnosed."""
@@ -125,8 +125,7 @@ def make_detector(
         constants = dataclasses.replace(constants, body=body)
     load = None if mass is None else float(mass)
     floor = floors[str(run.conditions["floor"])]
-    config = DetectorConfig(constants, floor, load, thresholds=thresholds, observer=observer)
-    detector = detector_for(name, config)
+    detector = detector_for(name, constants, floor, mass=load, thresholds=thresholds, observer=observer)
     if detector is None:
         raise InputError("--method", f"found {name!r}", "it diagnoses nothing")
     return detector

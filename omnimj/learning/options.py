@@ -20,7 +20,7 @@ from omnimj.plant.faults import Fault, read_fault
 from omnimj.plant.ground import Patch
 from omnimj.signals import Array
 from omnimj.simulate.compiled.row import Plan
-from omnimj.simulate.plants import PLANT_NAMES, make_robot_plant
+from omnimj.simulate.plants import PLANT_NAMES, make_simulated
 from omnimj.simulate.scenario.drive import read_drive
 from omnimj.simulate.scenario.listing import scenario_names
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
@@ -113,7 +113,7 @@ class Task:
         """Make the robot with its floor and faults."""
         scene = {} if self.plant == "planar" else {"scene": self.scene}
         same = {"faults": self.faults, "patches": self.patches, "start": self.start}
-        return make_robot_plant(self.plant, self.robot, self.floor, self.floors, **same, **scene)
+        return make_simulated(self.plant, self.robot, self.floor, self.floors, **same, **scene)
 
     def draw_plan(self, draws: np.random.Generator) -> Plan:
         """Plan of an episode; draws from the generator only where motions are random."""

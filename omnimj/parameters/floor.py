@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, check_number, read_toml
+from omnimj.parameters.reading import Rule, check_choice, check_number, read_toml, require_keys
 from omnimj.resources import models_folder
 
 LUGRE, MAGIC_FORMULA, CREEP_RATIO = 0, 1, 2
@@ -168,13 +168,10 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     law = table.get("law")
     if law is None:
         raise InputError(f"{place}.law", "is missing", "a floor has a traction law", LAWS)
-    if not isinstance(law, str) or law not in LAWS:
-        raise UnknownNameError(f"{place}.law", "traction law", law, LAWS)
+    law = check_choice(f"{place}.law", law, LAWS, "traction law")
     needed = ("description", "law", "source", *LAWS[law][1])
     known = tuple(dict.fromkeys((*needed, *number_rules(law), "uncertainty")))
-    for key in table:
-        if key not in known:
-            raise UnknownNameError(place, "key", key, known)
+    require_keys(place, table, known)
     for key in needed:
         if key not in table:
             raise InputError(place, f"'{key}' is missing")

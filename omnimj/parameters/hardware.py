@@ -12,8 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Provenance, Rule, check_number, positive, read_provenance, read_table
+from omnimj.errors import InputError
+from omnimj.parameters.reading import (
+    Provenance,
+    Rule,
+    check_choice,
+    check_number,
+    positive,
+    read_provenance,
+    read_table,
+    require_keys,
+)
 from omnimj.signals import robot_channels
 
 RAW_UNITS = {"volts": "V", "counts": "count"}
@@ -172,9 +181,7 @@ def _entries(place: str, own: Mapping[str, Any], name: str) -> list[Mapping[str,
 def _require_keys(
     place: str, entry: Mapping[str, Any], needed: tuple[str, ...], optional: tuple[str, ...]
 ) -> None:
-    for key in entry:
-        if key not in (*needed, *optional):
-            raise UnknownNameError(place, "key", key, (*needed, *optional))
+    require_keys(place, entry, (*needed, *optional))
     for key in needed:
         if key not in entry:
             raise InputError(place, f"'{key}' is missing")
@@ -183,19 +190,12 @@ def _require_keys(
 def _require_each_once(place: str, kind: str, found: list[Any], needed: Any = None) -> None:
     for value in found:
         if found.count(value) > 1:
-            raise InputError(place, f"{kind} {value!r} is there twice", f"every {kind} may be there once")
+            raise InputError(place, f"{kind} {value!r} occurs twice", f"each {kind} may occur only once")
     for value in needed if needed is not None else ():
         if value not in found:
             raise InputError(place, f"{kind} {value!r} is missing")
     if isinstance(needed, range) and any(value not in needed for value in found):
         raise InputError(place, f"found {kind} {max(found)}", f"must be {needed[0]} to {needed[-1]}")
-
-
-def _text(place: str, entry: Mapping[str, Any], key: str, choices: Any) -> str:
-    value = entry[key]
-    if not isinstance(value, str) or value not in choices:
-        raise UnknownNameError(f"{place}.{key}", key, value, choices)
-    return value
 
 
 def _sign(place: str, entry: Mapping[str, Any]) -> int:
@@ -210,13 +210,13 @@ def _input(
 ) -> HardwareInput:
     optional = ("quantity", "sign", "offset", "filter", "wrap")
     _require_keys(place, entry, ("name", "raw", "channel", "gain"), optional)
-    name = _text(place, entry, "name", robot_channels(wheels))
+    name = check_choice(f"{place}.name", entry["name"], robot_channels(wheels), "name")
     place = f"{place}.{name}"
     stem, _, last = name.rpartition("_")
     of_name, wheel = (stem, int(last)) if last.isdigit() else (name, 0)
     allowed = ("wheel_speed", "wheel_angle") if of_name == "wheel_speed" else (of_name,)
-    quantity = _text(place, {"quantity": of_name, **entry}, "quantity", allowed)
-    raw = _text(place, entry, "raw", RAW_UNITS)
+    quantity = check_choice(f"{place}.quantity", entry.get("quantity", of_name), allowed, "quantity")
+    raw = check_choice(f"{place}.raw", entry["raw"], RAW_UNITS, "raw")
     unit = RAW_UNITS[raw]
     if "wrap" in entry and quantity != "wheel_angle":
         raise InputError(f"{place}.wrap", f"found with {quantity}", "it belongs to wheel_angle")
@@ -249,8 +249,7 @@ def _output(
     place = f"{place}.{wheel}"
     gain = entry["gain"]
     provenance[f"hardware.outputs.{wheel}.gain"] = origin = read_provenance(f"{place}.gain", gain, None)
-    if origin.unit not in OUTPUT_UNITS:
-        raise UnknownNameError(f"{place}.gain.unit", "unit", origin.unit, OUTPUT_UNITS)
+    check_choice(f"{place}.gain.unit", origin.unit, OUTPUT_UNITS, "unit")
     return HardwareOutput(
         wheel,
         channel=int(check_number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),

@@ -1,8 +1,8 @@
 """Model files inside of MJCF files: what `omnimj robot` writes for plain MuJoCo is a model file as well.
 
 Such a file holds `<custom><text name="omnimj_robot" data="…"/></custom>`: the tables of the model file as
-JSON, which survives that MuJoCo writes the file anew. Places of wheels, sizes of rollers and the body's mass
-stand in the MJCF, too, and must agree with the tables, so that a file edited by hand is not mistaken.
+JSON, which is kept when MuJoCo saves the file. Places of wheels, sizes of rollers and the body's mass stand
+in the MJCF, too, and must agree with the tables, so that a file edited by hand is not misread.
 """
 
 from __future__ import annotations

@@ -15,7 +15,15 @@ from typing import Any
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.mjcf_model import read_model_tree
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
-from omnimj.parameters.reading import Provenance, Rule, check_number, read_provenance, read_table, read_toml
+from omnimj.parameters.reading import (
+    Provenance,
+    Rule,
+    check_number,
+    read_provenance,
+    read_table,
+    read_toml,
+    require_keys,
+)
 from omnimj.resources import models_folder
 
 EffectValues = Mapping[str, Mapping[str, float | str | int]]
@@ -119,15 +127,9 @@ def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> Mode
         rule = f"no such file beside it or in {models_folder()}"
         raise InputError(f"{path}: parts", f"found {name!r}", rule)
     parts = read_toml(parts_path)
-    _require_known(path, own, ("plant", "parts", *own_tables, *SHARED_TABLES))
-    _require_known(parts_path, parts, tuple(SHARED_TABLES))
+    require_keys(path, own, ("plant", "parts", *own_tables, *SHARED_TABLES), "table")
+    require_keys(parts_path, parts, tuple(SHARED_TABLES), "table")
     return ModelFile(path, parts_path, own, parts)
-
-
-def _require_known(path: Path, tree: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in tree:
-        if key not in known:
-            raise UnknownNameError(path, "table", key, known)
 
 
 def read_effects(

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import stat
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -116,15 +116,44 @@ def check_table(place: str, value: Any) -> Mapping[str, Any]:
     return value
 
 
-def require_keys(place: object, table: Mapping[str, Any], keys: Sequence[str]) -> None:
+def require_keys(place: object, table: Mapping[str, Any], keys: Sequence[str], kind: str = "key") -> None:
     """Check that a table has no other keys than these.
+
+    Args:
+      place: File or table, for messages.
+      table: Parsed table.
+      keys: Known keys.
+      kind: What the keys are, such as `table`.
 
     Raises:
       UnknownNameError: An unknown key; the message lists the known ones.
     """
     for key in table:
         if key not in keys:
-            raise UnknownNameError(place, "key", key, keys)
+            raise UnknownNameError(place, kind, key, keys)
+
+
+def check_choice(place: object, value: Any, choices: Iterable[str], kind: str) -> str:
+    """Check that a value is one of the choices, which are of this kind, such as `unit`.
+
+    Raises:
+      UnknownNameError: It is not; the message lists the choices.
+    """
+    choices = tuple(choices)
+    if value not in choices:
+        raise UnknownNameError(place, kind, value, choices)
+    return value
+
+
+def check_flag(place: str, value: Any) -> bool:
+    """Check that a value is true or false.
+
+    Raises:
+      InputError: It is not.
+    """
+    if not isinstance(value, bool):
+        raise InputError(place, f"found {value!r}", "must be true or false")
+    return value
 
 
 def check_text(place: str, value: Any) -> str:

@@ -12,7 +12,16 @@ from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
-from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml, require_keys
+from omnimj.parameters.reading import (
+    Rule,
+    check_choice,
+    check_flag,
+    check_number,
+    check_table,
+    check_text,
+    read_toml,
+    require_keys,
+)
 from omnimj.recording.dataset import (
     MASS_OF,
     MAX_WHEELS,
@@ -105,9 +114,7 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     require_keys(path, tree, _TOP)
     if "plant" not in tree:
         raise InputError(path, "'plant' is missing", "a dataset has one", PLANT_COLUMNS)
-    plant = tree["plant"]
-    if not isinstance(plant, str) or plant not in PLANT_COLUMNS:
-        raise UnknownNameError(f"{path}: plant", "plant", plant, PLANT_COLUMNS)
+    plant = check_choice(f"{path}: plant", tree["plant"], PLANT_COLUMNS, "plant")
     if "description" in tree:
         check_text(f"{path}: description", tree["description"])
     wheels = _wheels(path, tree, plant)
@@ -170,9 +177,7 @@ def _pose_measured(place: str, defaults: dict[str, Any], plant: str) -> bool:
     """Take `pose_measured` out of the defaults."""
     if POSE_MEASURED not in defaults:
         return False
-    found = defaults.pop(POSE_MEASURED)
-    if not isinstance(found, bool):
-        raise InputError(place, f"found {found!r}", "must be true or false")
+    found = check_flag(place, defaults.pop(POSE_MEASURED))
     if found and plant != "uto_robot":
         raise InputError(place, "found true", f"{plant} has no pose")
     return found
@@ -191,8 +196,8 @@ def _conditions(place: str, entry: Any, floors: Collection[str], plant: str) -> 
             found[key] = check_number(at, value, _POSITIVE)
         elif key == "start_floors":
             found[key] = _start_floors(at, value, floors)
-        elif key == "floor" and (not isinstance(value, str) or value not in floors):
-            raise UnknownNameError(at, "floor", value, floors)
+        elif key == "floor":
+            found[key] = check_choice(at, value, floors, "floor")
         elif key == "date" and isinstance(value, datetime.date | datetime.time):
             found[key] = value.isoformat()
         else:
@@ -207,10 +212,7 @@ def _start_floors(place: str, value: Any, floors: Collection[str]) -> str:
         raise InputError(
             place, f"found {value!r}", "a list with the floor under each wheel is needed", floors
         )
-    for name in names:
-        if not isinstance(name, str) or name not in floors:
-            raise UnknownNameError(place, "floor", name, floors)
-    return ", ".join(names)
+    return ", ".join(check_choice(place, name, floors, "floor") for name in names)
 
 
 def _column_mapping(place: str, entry: Any, plant: str, known: PlantColumns) -> ColumnMapping:

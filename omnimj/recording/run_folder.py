@@ -49,9 +49,11 @@ def read_run_folder(path: Path) -> RunFolder:
     """
     file = path / METRICS_FILE
     if not path.is_dir():
-        raise InputError(path, "is no folder", "the folder of a run is needed, as omnimj run --out writes it")
+        raise InputError(
+            path, "is not a folder", "the folder of a run is needed, as omnimj run --out writes it"
+        )
     if file.exists() and not (file.is_file() and file.stat().st_size <= _MAX_SIZE):
-        raise InputError(file, f"is no regular file of at most {_MAX_SIZE} bytes")
+        raise InputError(file, f"is not a regular file of at most {_MAX_SIZE} bytes")
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -71,7 +73,7 @@ def _require_metrics(file: Path, content: Any) -> None:
     for name in ("checks", "faults", "diagnoses"):
         entries = content.get(name) or []
         if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
-            raise InputError(file, f"{name!r} is no list of objects", "it is damaged")
+            raise InputError(file, f"{name!r} is not a list of objects", "it is damaged")
     for check in content.get("checks") or []:
         number = check.get("value")
         is_number = number is None or isinstance(number, int | float)

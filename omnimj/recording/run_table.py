@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -67,15 +68,24 @@ def read_column_names(path: Path) -> tuple[str, ...]:
     """
     if path.suffix.lower() == ".csv":
         return _header(path)[0]
+    with open_parquet(path) as file:
+        return _checked_names(path, file.schema_arrow.names)
+
+
+@contextlib.contextmanager
+def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+    """Open a Parquet file whose checksums are verified.
+
+    It is not opened as an Arrow dataset: a folder name such as `seed=1` must not become a column.
+
+    Raises:
+      InputError: The file cannot be read or is damaged, also where that is found within the context.
+    """
     try:
-        with pq.ParquetFile(path) as file:
-            return _checked_names(path, file.schema_arrow.names)
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            yield file
     except (pa.ArrowException, OSError, UnicodeDecodeError, OverflowError) as error:
-        raise _not_whole(path, error) from None
-
-
-def _not_whole(path: Path, error: Exception) -> InputError:
-    return InputError(path, "is not a whole Parquet file", " ".join(str(error).split())[:200])
+        raise InputError(path, "is not a whole Parquet file", " ".join(str(error).split())[:200]) from None
 
 
 def _checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
@@ -263,26 +273,20 @@ def _needed_number(path: Path, row: int, name: str, cell: str) -> float:
 
 def _read_parquet(path: Path, needed: Collection[str]) -> RunTable:
     """Read a Parquet file."""
-    try:
-        # not as an Arrow dataset: a folder name such as `seed=1` must not become a column
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            schema, rows = file.schema_arrow, file.metadata.num_rows
-            names = _checked_names(path, schema.names)
-            if rows * len(names) > MAX_NUMBERS:
-                raise InputError(path, f"claims {rows} rows", f"at most {MAX_NUMBERS} numbers are read")
-            chosen = [
-                k for k, name in enumerate(names) if name in needed or (name and _is_number(schema.types[k]))
-            ]
-            for k in chosen:
-                if not _is_number(schema.types[k]):
-                    found = f"column {names[k]!r} holds {schema.types[k]}"
-                    raise InputError(path, found, "every column of the plant holds numbers")
-            table = file.read(columns=[schema.names[k] for k in chosen])
-            numbers = {
-                table.column_names[k].strip(): _array(table.column(k)) for k in range(table.num_columns)
-            }
-    except (pa.ArrowException, OSError, UnicodeDecodeError, OverflowError) as error:
-        raise _not_whole(path, error) from None
+    with open_parquet(path) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+        names = _checked_names(path, schema.names)
+        if rows * len(names) > MAX_NUMBERS:
+            raise InputError(path, f"claims {rows} rows", f"at most {MAX_NUMBERS} numbers are read")
+        chosen = [
+            k for k, name in enumerate(names) if name in needed or (name and _is_number(schema.types[k]))
+        ]
+        for k in chosen:
+            if not _is_number(schema.types[k]):
+                found = f"column {names[k]!r} holds {schema.types[k]}"
+                raise InputError(path, found, "every column of the plant holds numbers")
+        table = file.read(columns=[schema.names[k] for k in chosen])
+        numbers = {table.column_names[k].strip(): _array(table.column(k)) for k in range(table.num_columns)}
     broken = first_not_finite({name: values for name, values in numbers.items() if name in needed})
     if broken is not None:
         sample, name = broken

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from omnimj.errors import InputError
 from omnimj.recording.folder import atomic_file
-from omnimj.recording.run_table import write_parquet
+from omnimj.recording.run_table import open_parquet, write_parquet
 from omnimj.signals import Array, Trace
 
 _ABOUT, _CHECKSUM = b"omnimj", b"omnimj-crc32"
@@ -45,13 +44,9 @@ def read_trace(path: Path) -> Trace:
     """
     if not path.is_file():
         raise InputError(path, "no such file", "a trace.parquet is needed")
-    try:
-        # not as an Arrow dataset: a folder name such as `seed=1` must not become a column
-        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+    with open_parquet(path) as file:
+        table = file.read()
         names = table.column_names
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(path, "is not a whole Parquet file", reason[:200]) from None
     if "time" not in names:
         raise InputError(path, "has no column 'time'", "a trace has one row per control step")
     for name in names:

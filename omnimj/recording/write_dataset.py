@@ -125,16 +125,17 @@ def dataset_text(
     if planned:
         lines.append(f"{PLANNED_RUNS} = {planned}")
     if defaults:
-        lines += ["", "[defaults]", *_entries(defaults)]
+        lines += ["", "[defaults]", *toml_entries(defaults)]
     for run in runs:
         own = {k: v for k, v in run.conditions.items() if defaults.get(k) != v}
         if run.repeat_of is not None and run.repeat_of != defaults.get("repeat_of"):
             own["repeat_of"] = run.repeat_of
-        lines += ["", f"[runs.{toml_key(run.name)}]", *_entries(own)]
+        lines += ["", f"[runs.{toml_key(run.name)}]", *toml_entries(own)]
     return "\n".join(lines) + "\n"
 
 
-def _entries(values: Mapping[str, float | str | bool]) -> list[str]:
+def toml_entries(values: Mapping[str, float | str | bool]) -> list[str]:
+    """Format keys and values as lines of TOML."""
     return [f"{toml_key(key)} = {toml_text(value)}" for key, value in values.items()]
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass, field
-
 from omnimj.control.detection.detector import DetectorOptions, RecordingDetector
 from omnimj.control.detection.published.decision import layout_mismatch, select_thresholds
 from omnimj.control.detection.published.rig import PublishedRigDetector
@@ -51,26 +48,6 @@ def default_method(scenario: Scenario) -> str:
     return available_methods(scenario)[0]
 
 
-@dataclass(frozen=True)
-class DetectorConfig:
-    """Nominal machine and floor that a detector assumes, and its options."""
-
-    machine: Robot | Rig
-    """Constants of the model file; its effects are ignored."""
-    floor: Floor
-    """Floor that the published method assumes."""
-    mass: float | None = None
-    """Mass of the loaded rig [kg]; the first of its masses when None."""
-    choice: DetectorOptions = field(default_factory=DetectorOptions)
-    """Options of the `[diagnosis]` table."""
-    thresholds: Thresholds | None = None
-    """Thresholds of the robust method; the shipped ones when None."""
-    observer: ObserverGains | None = None
-    """Observer gains of the robust method; the shipped ones when None."""
-    expected_floor: Floor | None = None
-    """Floor that the robust method expects; None: it knows nothing of the floor."""
-
-
 def make_detector(
     name: str, scenario: Scenario, thresholds: Thresholds | None = None
 ) -> RecordingDetector | None:
@@ -88,48 +65,56 @@ def make_detector(
       UnknownNameError: No such method.
       InputError: A robot that does not suit the method, or thresholds of another method.
     """
-    mass = scenario.rig_input.mass if scenario.is_rig else None
-    floor = scenario.floors[scenario.floor]
-    observer = None if scenario.gains is None else scenario.gains.observer
     return detector_for(
         name,
-        DetectorConfig(
-            scenario.constants,
-            floor,
-            mass,
-            scenario.diagnosis,
-            thresholds,
-            observer,
-            scenario.expected_floor,
-        ),
+        scenario.constants,
+        scenario.floors[scenario.floor],
+        mass=scenario.rig_input.mass if scenario.is_rig else None,
+        choice=scenario.diagnosis,
+        thresholds=thresholds,
+        observer=None if scenario.gains is None else scenario.gains.observer,
+        expected_floor=scenario.expected_floor,
     )
 
 
-def detector_for(name: str, config: DetectorConfig) -> RecordingDetector | None:
+def detector_for(
+    name: str,
+    machine: Robot | Rig,
+    floor: Floor,
+    *,
+    mass: float | None = None,
+    choice: DetectorOptions | None = None,
+    thresholds: Thresholds | None = None,
+    observer: ObserverGains | None = None,
+    expected_floor: Floor | None = None,
+) -> RecordingDetector | None:
     """Make the detector of a method for a machine, with or without a scenario; None for `off`.
+
+    Args:
+      name: One of `METHODS`.
+      machine: Nominal constants; its effects are ignored.
+      floor: Floor that the published method assumes.
+      mass: Mass of the loaded rig [kg]; the first of its masses when None.
+      choice: Options of the `[diagnosis]` table; the usual ones when None.
+      thresholds: Thresholds of the robust method; the shipped ones when None.
+      observer: Observer gains of the robust method; the shipped ones when None.
+      expected_floor: Floor that the robust method expects; None: it knows nothing of the floor.
 
     Raises:
       UnknownNameError: No such method.
       InputError: A machine that does not suit the method, or thresholds of another method.
     """
     require_known_method(name)
-    if config.thresholds is not None and name != "robust":
+    if thresholds is not None and name != "robust":
         raise InputError("--thresholds", f"the method is {name!r}", "they are those of 'robust'")
-    return None if name == "off" else _detector(config.machine, name, config)
-
-
-@functools.singledispatch
-def _detector(machine: Robot, name: str, config: DetectorConfig) -> RecordingDetector:
+    if name == "off":
+        return None
     if name == "robust":
-        return RobustDetector(
-            machine, thresholds=config.thresholds, gains=config.observer, floor=config.expected_floor
-        )
-    return PublishedRobotDetector(machine, config.floor, select_thresholds(config.choice), config.choice)
-
-
-@_detector.register
-def _(machine: Rig, name: str, config: DetectorConfig) -> RecordingDetector:
-    if name == "robust":
-        raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
-    limits = select_thresholds(config.choice)
-    return PublishedRigDetector(machine, config.floor, config.mass, limits, config.choice)
+        if isinstance(machine, Rig):
+            raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
+        return RobustDetector(machine, thresholds=thresholds, gains=observer, floor=expected_floor)
+    choice = choice or DetectorOptions()
+    limits = select_thresholds(choice)
+    if isinstance(machine, Rig):
+        return PublishedRigDetector(machine, floor, mass, limits, choice)
+    return PublishedRobotDetector(machine, floor, limits, choice)

@@ -52,31 +52,17 @@ TARGET_NAMES = ("target_x", "target_y", "target_heading", "target_velocity_x", "
 _RIG_NAMES = ("time", *RIG_CHANNELS, "current_target")
 
 
-class ControllerState(Protocol):
-    """Part of a controller's state that the loop reads."""
-
-    @property
-    def log(self) -> Array:
-        """Logged values of the last step by the controller's `log_names`, shape (len(log_names),)."""
-        ...
-
-    @property
-    def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """All diagnoses since the start."""
-        ...
-
-    @property
-    def time_scaling(self) -> float:
-        """Rate at which the plan proceeds from now on; 1: as planned, 0: stopped."""
-        ...
-
-
 class Controller(Protocol):
-    """A controller as a pure function: the loop keeps its state and passes it to every step."""
+    """A controller as a pure function: the loop keeps its state and passes it to every step.
+
+    Of the state, the loop reads `log`, the logged values of the last step, shape (len(log_names),);
+    `diagnoses`, a tuple of all since the start; and `time_scaling`, the rate at which the plan proceeds from
+    now on (1: as planned, 0: stopped).
+    """
 
     @property
     def log_names(self) -> tuple[str, ...]:
-        """Column names of `ControllerState.log`."""
+        """Column names of the state's `log`."""
         ...
 
     def start(self, measurement: Measurement) -> Any:
@@ -188,10 +174,7 @@ def drive_stepwise(
     callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
-    """Drive a robot as `drive` does, any plant with any controller, with a call of both in every period.
-
-    Arguments and result are those of `drive`.
-    """
+    """Like `drive`, but calls plant and controller from Python in every period, so that any will do."""
     measurement = plant.reset()
     assert isinstance(measurement, Measurement)
     policy = _FollowReference(controller, reference, measurement)
@@ -290,9 +273,9 @@ def drive_rig_stepwise(
     about: Mapping[str, Any] | None = None,
     detector: FaultDetector | None = None,
 ) -> Trace:
-    """Drive a rig as `drive_rig` does, any plant with any detector, with a call of both in every period.
+    """Like `drive_rig`, but calls plant and detector from Python in every period, so that any will do.
 
-    Arguments and result are those of `drive_rig`; current of shape (k,) [A].
+    The current has the shape (k,) [A].
     """
     measurement = plant.reset()
     policy = _ReplayCurrents(current, detector, measurement)

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.plant.ground import Patch
-from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace
+from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace, equal_stretches
 
 GRACE = 0.5
 """Time after the end of a fault in which it may still be named, and total time for which wrong diagnoses
@@ -287,9 +287,9 @@ def patch_records(
       `{kind: "slip", wheel, onset, end, floor}` per interval on a patch, by onset; `end` is None when the
       run ends on it.
     """
-    if not patches or not {"x", "y", "heading"} <= set(trace.columns):
-        return []
     time = trace["time"]
+    if not patches or not len(time) or not {"x", "y", "heading"} <= set(trace.columns):
+        return []
     cos, sin = np.cos(trace["heading"]), np.sin(trace["heading"])
     names = [floor, *(patch.floor for patch in patches)]
     records = []
@@ -300,20 +300,10 @@ def patch_records(
         under = np.zeros(len(time), int)
         for patch in patches:
             under[patch.covers(contact)] = names.index(patch.floor) if patch.floor != floor else 0
-        for value, first, last in _constant_stretches(under):
-            if value:
-                end = float(time[last + 1]) if last + 1 < len(time) else None
-                onset = float(time[first])
-                records.append(
-                    {"kind": "slip", "wheel": wheel, "onset": onset, "end": end, "floor": names[value]}
-                )
+        starts = equal_stretches(under).tolist()
+        for first, after in zip(starts, [*starts[1:], len(time)], strict=True):
+            if under[first]:
+                end = float(time[after]) if after < len(time) else None
+                onset, on = float(time[first]), names[under[first]]
+                records.append({"kind": "slip", "wheel": wheel, "onset": onset, "end": end, "floor": on})
     return sorted(records, key=lambda record: (record["onset"], record["wheel"]))
-
-
-def _constant_stretches(values: Array) -> list[tuple[int, int, int]]:
-    """Stretches of equal values as (value, first row, last row)."""
-    if not len(values):
-        return []
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
-    ends = np.concatenate([starts[1:], [len(values)]]) - 1
-    return [(int(values[a]), int(a), int(b)) for a, b in zip(starts, ends, strict=True)]

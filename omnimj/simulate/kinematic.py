@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnimj.control.cascade.allocation import SCALES, checked_weights, published_map
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.control.cascade.allocation import checked_weights, published_map
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 from omnimj.signals import Array, Reference, Trace
@@ -94,15 +93,11 @@ class KinematicPlant:
 
         Args:
           robot: Geometry.
-          case: Kinematics, weights, faults.
+          case: Kinematics, weights, faults; `read_kinematics` checks that they fit the robot.
           period: Control period [s].
           start: x, y [m] and heading [rad].
           yaw_gain: Gain K of the yaw-rate loop ω_c = ω_d + K (ω_d − ω) [1]; the loop is at its fixed point,
             since nothing here has a lag. 0 is open loop.
-
-        Raises:
-          UnknownNameError: Unknown kinematics.
-          InputError: Weights, wheel or angles that do not fit the robot.
         """
         self.period, self.wheels, self._radius = period, len(robot.wheels), robot.wheel.radius
         self._case, self._start = case, start
@@ -196,24 +191,10 @@ def drive_kinematic(
     return record(plant, policy, plant.reset(), len(reference.time), callbacks, about)
 
 
-def largest_deviation(trace: Trace) -> float:
-    """Largest distance between the robot and its planned position at that instant [m]."""
-    away = np.hypot(trace["x"] - trace["target_x"], trace["y"] - trace["target_y"])
-    return float(away.max())
-
-
 def _phases(robot: Robot, case: KinematicCase, yaw_gain: float) -> dict[tuple[bool, bool], _Phase]:
     """Matrices by (weights apply, wheel is lost)."""
     n = len(robot.wheels)
-    if case.plant not in SCALES:
-        raise UnknownNameError("kinematic plant", "plant", case.plant, SCALES)
-    if case.lost_wheel is not None and not 1 <= case.lost_wheel <= n:
-        raise InputError("lost_wheel", f"found {case.lost_wheel}", f"must be 1 to {n}")
     angles = np.array(case.misalignment or [0.0] * n)
-    if angles.shape != (n,) or not np.all(np.isfinite(angles)):
-        raise InputError(
-            "misalignment", f"found {list(case.misalignment)}", f"must be {n} angles, one per wheel"
-        )
     weights = {False: np.ones(n), True: checked_weights(case.weights or None, n)}
     return {
         (weighted, lost): _phase(robot, case, weights[weighted], lost, angles, yaw_gain)

@@ -87,7 +87,7 @@ def _make_rig(scenario: Scenario, name: str, seed: int) -> Plant:
     options |= {"faults": scenario.faults, "seed": seed}
     if name == "planar":
         options["published"] = scenario.equations == "published"
-    return make_rig_plant(name, scenario.rig, scenario.floor, scenario.floors, **options)
+    return make_simulated(name, scenario.rig, scenario.floor, scenario.floors, **options)
 
 
 def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
@@ -100,47 +100,32 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
         options["published"] = scenario.equations == "published"
     else:
         options["scene"] = scenario.scene
-    return make_robot_plant(name, scenario.robot, scenario.floor, scenario.floors, **options)
+    return make_simulated(name, scenario.robot, scenario.floor, scenario.floors, **options)
 
 
-def make_robot_plant(
-    kind: str, robot: Robot, floor: str, floors: Mapping[str, Floor], **options: Any
+def make_simulated(
+    kind: str, machine: Robot | Rig, floor: str, floors: Mapping[str, Floor], **options: Any
 ) -> Plant:
-    """Make a simulated robot; MuJoCo is loaded for the twin only.
+    """Make a simulated robot or rig; MuJoCo is loaded for the twin only.
 
     Args:
       kind: `twin` or `planar`.
-      robot: True constants, with effects.
+      machine: True constants, with effects.
       floor: Name in `floors`.
       floors: All floors by name.
-      options: Further arguments of `RobotTwin` or `PlanarRobot`.
+      options: Further arguments of the twin or planar model.
     """
+    is_rig = isinstance(machine, Rig)
     if kind == "planar":
         from omnimj.plant.planar import PlanarRobot
-
-        return PlanarRobot(robot, floor, floors=floors, **options)
-    from omnimj.plant.mujoco.twin import RobotTwin
-
-    return RobotTwin(robot, floor=floors[floor], floors=floors, **options)
-
-
-def make_rig_plant(kind: str, rig: Rig, floor: str, floors: Mapping[str, Floor], **options: Any) -> Plant:
-    """Make a simulated rig; MuJoCo is loaded for the twin only.
-
-    Args:
-      kind: `twin` or `planar`.
-      rig: True constants, with effects.
-      floor: Name in `floors`.
-      floors: All floors by name.
-      options: Further arguments of `RigTwin` or `PlanarRig`.
-    """
-    if kind == "planar":
         from omnimj.plant.planar_rig import PlanarRig
 
-        return PlanarRig(rig, floor, floors=floors, **options)
-    from omnimj.plant.mujoco.twin import RigTwin
+        planar: Any = PlanarRig if is_rig else PlanarRobot
+        return planar(machine, floor, floors=floors, **options)
+    from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
 
-    return RigTwin(rig, floors[floor], floors=floors, **options)
+    twin: Any = RigTwin if is_rig else RobotTwin
+    return twin(machine, floors[floor], floors=floors, **options)
 
 
 def is_link_address(plant: str | None) -> bool:

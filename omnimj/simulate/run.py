@@ -30,7 +30,7 @@ from omnimj.simulate.plants import (
     LinkOptions,
     make_kinematic_plant,
     make_plant,
-    make_robot_plant,
+    make_simulated,
     plant_name,
 )
 from omnimj.simulate.scenario.scenario import Scenario
@@ -236,7 +236,7 @@ def warm_up(scenario: Scenario, controller: LoopController) -> None:
         Fault("motor", 0.3 * _WARM_UP_TIME, wheel=1, numbers={"loss": 0.7}),
         Fault("slip", 0.6 * _WARM_UP_TIME, wheel=2, numbers={"grip": 0.1}),
     )
-    plant = make_robot_plant("planar", scenario.robot, scenario.floor, scenario.floors, faults=faults)
+    plant = make_simulated("planar", scenario.robot, scenario.floor, scenario.floors, faults=faults)
     try:
         trace = drive(plant, controller, reference)
     finally:

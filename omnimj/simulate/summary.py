@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from omnimj.plant.faults import fault_record
-from omnimj.recording.json_files import write_text
+from omnimj.recording.json_files import to_jsonable
 from omnimj.signals import Trace
 from omnimj.simulate.judging import judge_diagnoses, patch_records
 from omnimj.simulate.metrics import DIAGNOSIS_UNITS, compute_metrics
@@ -42,7 +39,7 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
     unknown = () if has_truth else [name for name in known if known[name] is None or name in DIAGNOSIS_UNITS]
     judgements = evaluate_checks(scenario.checks, known, str(about["method"]), unknown)
     interrupted = bool(about["interrupted"])
-    return {
+    content = {
         "scenario": scenario.name,
         "plant": about["plant"],
         "robot": scenario.plant,
@@ -57,10 +54,11 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
         "faults": faults if has_truth else [],
         **diagnosed,
         **dict.fromkeys(("max_yaw_excursion", "path_error_max", "path_error_rms")),
-        **{name: _finite(value) for name, value in measured.items()},
+        **measured,
         "checks": [_check_record(judgement) for judgement in judgements],
         **({} if has_truth else {"truth": False, "scenario_faults": faults, "link": about["link"]}),
     }
+    return to_jsonable(content)
 
 
 def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
@@ -72,40 +70,26 @@ def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
     return sorted(records, key=lambda record: record["onset"])
 
 
-def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
-    """Write `metrics.json`; the file is complete or does not exist."""
-    write_text(path, json.dumps(metrics, indent=2, allow_nan=False) + "\n")
-
-
 def _diagnosis(
     faults: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]], wheels: int
 ) -> dict[str, Any]:
     """Entries for the diagnoses and their scores; empty without a detector."""
     score = judge_diagnoses(faults, diagnoses, wheels)
     return {
-        "diagnoses": [_plain(diagnosis) for diagnosis in diagnoses],
+        "diagnoses": diagnoses,
         "detection_delay": score.detection_delay,
         "isolated": score.isolated,
         "false_alarms": score.false_alarms,
     }
 
 
-def _plain(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    """Record with lists in place of tuples."""
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in diagnosis.items()}
-
-
 def _check_record(judgement: CheckResult) -> dict[str, Any]:
     check = judgement.check
     record = {
         "name": check.name,
-        "value": _finite(judgement.value),
+        "value": judgement.value,
         "limit": check.limit,
         "ok": judgement.ok,
         "bound": check.bound,
     }
     return record if judgement.judged else {**record, "judged": False}
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None

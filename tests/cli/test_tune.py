@@ -116,7 +116,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
     ("argv", "expected"),
     [
         (["nylon_path"], "unknown scenario 'nylon_path'; did you mean 'nylon_patch'"),
-        (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a scenario of a robot with forces"),
+        (["rig_slip"], "SCENARIO rig_slip: cannot be used for tuning; a scenario of a robot with forces"),
         (["nylon_patch", "nylon_patch"], "'nylon_patch' is there twice"),
         (
             ["nylon_patch", "--seed", "100"],

@@ -16,7 +16,7 @@ from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.resources import models_folder
 from omnimj.simulate.driving import follow_wheel_speeds
-from omnimj.simulate.plants import make_robot_plant
+from omnimj.simulate.plants import make_simulated
 
 _FLOOR = "gray"
 _SCALE = 0.903  # of the camera, as the model has it
@@ -40,7 +40,7 @@ def _run(robot, floors, name, degrees, speed, marker=0.0):
     rims = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
     target = rims @ (speed * np.array([np.cos(angle), np.sin(angle), 0.0])) / robot.wheel.radius
     ramp = np.clip(np.arange(4000) / 300.0, 0.0, 1.0)[:, None]
-    twin = make_robot_plant("twin", robot, _FLOOR, floors, ideal_sensors=True)
+    twin = make_simulated("twin", robot, _FLOOR, floors, ideal_sensors=True)
     trace = follow_wheel_speeds(twin, robot, ramp * target)
     ends = np.arange(31, 4000, 31)
     columns = {"time": trace["time"][ends]}

@@ -24,7 +24,7 @@ from omnimj.learning.observation import entries
 from omnimj.learning.options import draw_plan, read_task
 from omnimj.parameters import read_floors, read_robot
 from omnimj.simulate.driving import drive
-from omnimj.simulate.plants import make_robot_plant
+from omnimj.simulate.plants import make_simulated
 from omnimj.simulate.scenario.drive import read_drive
 from omnimj.simulate.scenario.scenario import read_scenario
 from omnimj.simulate.suites.missions import mission
@@ -60,7 +60,7 @@ def driven(plant, seed, faults=()):
     """The trace of the loop of scenarios, with the sensor noise of an episode."""
     reference = read_drive(LINE, "drive", 0.6, 1e-3).reference
     noise = int(gymnasium.utils.seeding.np_random(seed)[0].integers(2**31))
-    robot = make_robot_plant(plant, ROBOT, "natural_stone", read_floors(), seed=noise, faults=faults)
+    robot = make_simulated(plant, ROBOT, "natural_stone", read_floors(), seed=noise, faults=faults)
     return drive(robot, Controller(ROBOT, period=1e-3), reference)
 
 

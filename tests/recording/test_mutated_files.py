@@ -27,7 +27,7 @@ from omnimj.parameters.floor import all_floors
 from omnimj.plant.mujoco.machine import read_machine_file
 from omnimj.recording.dataset import Run
 from omnimj.recording.importing.mapping import read_mapping
-from omnimj.recording.importing.tables import read_source
+from omnimj.recording.importing.source import read_source
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.traces import read_trace, write_trace
 from omnimj.recording.write_dataset import write_dataset

@@ -14,7 +14,7 @@ import pytest
 from omnimj.errors import InputError
 from omnimj.parameters.reading import MAX_TOML_SIZE, read_toml
 from omnimj.recording.dataset import Run
-from omnimj.recording.importing.tables import read_source
+from omnimj.recording.importing.source import read_source
 from omnimj.recording.read_dataset import LARGEST, LONGEST_PAUSE, MOST_STEPS, read_dataset
 from omnimj.recording.write_dataset import write_dataset
 

@@ -40,8 +40,8 @@ def test_runs_are_found_below_a_folder_in_the_order_of_their_paths(tmp_path):
         ("[" * 100_000, "is not JSON"),
         ("[1]", "has no 'scenario'"),
         ({"scenario": 3}, "has no 'scenario'"),
-        ({"scenario": "x", "checks": 5}, "'checks' is no list"),
-        ({"scenario": "x", "faults": [1]}, "'faults' is no list"),
+        ({"scenario": "x", "checks": 5}, "'checks' is not a list"),
+        ({"scenario": "x", "faults": [1]}, "'faults' is not a list"),
         ({"scenario": "x", "checks": [{"ok": True}]}, "a check without name"),
         ({"scenario": "x", "checks": [{"name": "a", "ok": 1}]}, "a check without name"),
         ({"scenario": "x", "checks": [{"name": "a", "ok": True, "value": "b"}]}, "a check without name"),
@@ -56,12 +56,12 @@ def test_damaged_metrics_are_refused_in_one_line(tmp_path, content, words):
 def test_what_is_no_run_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"has no metrics\.json"):
         read_run_folder(tmp_path)
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         read_run_folder(tmp_path / "nowhere")
     with pytest.raises(InputError, match="holds no run"):
         find_run_folders(tmp_path)
     os.mkfifo(tmp_path / "metrics.json")
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="not a regular file"):
         read_run_folder(tmp_path)
 
 

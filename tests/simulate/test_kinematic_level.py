@@ -1,6 +1,5 @@
 """Section 6.1 of the source: what weights and the yaw-rate loop do where there are no forces."""
 
-import dataclasses
 import functools
 
 import numpy as np
@@ -10,8 +9,9 @@ from scipy.integrate import solve_ivp
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.physics.kinematics import published_jacobian, rolling_matrix, rotation, weighted_inverse
-from omnimj.simulate.kinematic import KinematicCase, KinematicPlant, drive_kinematic, largest_deviation
+from omnimj.simulate.kinematic import KinematicCase, KinematicPlant, drive_kinematic
 from omnimj.simulate.scenario.drive import read_drive
+from omnimj.simulate.scenario.tables import read_kinematics
 
 ROBOT = read_robot()
 CIRCLE = {"kind": "circle", "diameter": 8.0, "start": [0.0, 4.0], "lap_time": 10.0}
@@ -28,6 +28,11 @@ def driven(reference, case, yaw_gain=0.0, heading_feedback=True):
     start = (*reference.position[0].tolist(), float(reference.heading[0]))
     plant = KinematicPlant(ROBOT, case, float(reference.time[1]), start, yaw_gain)
     return drive_kinematic(plant, reference, heading_feedback)
+
+
+def largest_deviation(trace):
+    """Largest distance between the robot and its planned position at that instant [m]."""
+    return float(np.hypot(trace["x"] - trace["target_x"], trace["y"] - trace["target_y"]).max())
 
 
 def circle_deviation(plant, weight, free=False):
@@ -137,14 +142,14 @@ def test_finer_sampling_changes_the_deviation_by_less_than_a_millimetre():
 
 
 @pytest.mark.parametrize(
-    ("change", "kind", "message"),
+    ("table", "kind", "message"),
     [
-        ({"plant": "printed"}, UnknownNameError, "unknown plant 'printed'.*corrected, published"),
-        ({"weights": (1.0, -1.0, 1.0, 1.0)}, InputError, "weights: .*4 positive numbers"),
-        ({"lost_wheel": 5}, InputError, "lost_wheel: found 5; must be 1 to 4"),
-        ({"misalignment": (0.1,)}, InputError, "misalignment: .*4 angles"),
+        ({"plant": "printed"}, UnknownNameError, "unknown kinematic plant 'printed'.*corrected, published"),
+        ({"weights": [1.0, -1.0, 1.0, 1.0]}, InputError, r"weights\[1\]: found -1.0; must be at least 1e-09"),
+        ({"lost_wheel": 5}, InputError, "lost_wheel: found 5; must be at least 1 and at most 4"),
+        ({"misalignment": [0.1]}, InputError, "misalignment: .*4 numbers are needed, one per wheel"),
     ],
 )
-def test_a_case_that_does_not_fit_the_robot_is_refused(change, kind, message):
+def test_a_case_that_does_not_fit_the_robot_is_refused(table, kind, message):
     with pytest.raises(kind, match=message):
-        driven(reference(CIRCLE, 1.0), dataclasses.replace(KinematicCase(), **change))
+        read_kinematics(table, "s.toml: kinematics", 4)

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.plant.ground import Patch
+from omnimj.recording.json_files import write_json
 from omnimj.signals import Trace
 from omnimj.simulate.judging import patch_records
 from omnimj.simulate.metrics import compute_metrics, distance_to_path, metric_units
@@ -21,7 +22,7 @@ from omnimj.simulate.run import RunResult, run_scenario
 from omnimj.simulate.scenario.checks import Check, CheckResult, evaluate_checks, read_checks
 from omnimj.simulate.scenario.listing import scenario_names
 from omnimj.simulate.scenario.scenario import read_scenario
-from omnimj.simulate.summary import summarize, write_metrics
+from omnimj.simulate.summary import summarize
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 UNITS = metric_units("uto_robot", 4, True, False)
@@ -194,7 +195,7 @@ def test_an_interrupted_run_has_not_passed():
 
 def test_metrics_are_written_as_strict_json(tmp_path):
     metrics = driven("nylon_patch", "duration=0.1").metrics
-    write_metrics(tmp_path / "metrics.json", metrics)
+    write_json(tmp_path / "metrics.json", metrics)
     assert json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8")) == metrics
 
 

@@ -30,10 +30,10 @@ from omnimj.diagnosis.published_thresholds import (
     training_runs,
 )
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.recording.json_files import write_json
 from omnimj.simulate.detectors import METHODS, make_detector, require_known_method
 from omnimj.simulate.run import run_scenario
 from omnimj.simulate.scenario.scenario import read_scenario, with_gains
-from omnimj.simulate.summary import write_metrics
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 SEED = 3
@@ -206,7 +206,7 @@ def test_metrics_of_a_diagnosed_run_keep_to_their_schema(tmp_path):
     jsonschema.validate(run.metrics, SCHEMA)
     assert run.metrics["method"] == "published"
     assert run.metrics["detection_delay"] > 0.0
-    write_metrics(tmp_path / "metrics.json", run.metrics)
+    write_json(tmp_path / "metrics.json", run.metrics)
     assert json.loads((tmp_path / "metrics.json").read_text())["diagnoses"] == run.metrics["diagnoses"]
 
 

@@ -14,7 +14,7 @@ from omnimj.physics.kinematics import rolling_matrix, turned
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array, Trace
 from omnimj.simulate.driving import follow_wheel_speeds
-from omnimj.simulate.plants import make_robot_plant
+from omnimj.simulate.plants import make_simulated
 
 ROLLING = "rolling"
 """Name of the baseline: the body moves as its wheels roll, without slip."""
@@ -81,7 +81,7 @@ def _targets(time: Array, speeds: Array, period: float) -> Array:
 def _follow(plant: str, drive: Drive, robot: Robot, floors: dict[str, Floor]) -> Trace:
     options: dict[str, Any] = {"start": drive.start, "ideal_sensors": True}
     try:
-        made = make_robot_plant(plant, robot, drive.floor, floors, **options)
+        made = make_simulated(plant, robot, drive.floor, floors, **options)
         return follow_wheel_speeds(made, robot, drive.targets)
     except SimulationError as error:
         raise SimulationError(f"run {drive.run.name}, {plant}: {error}") from None

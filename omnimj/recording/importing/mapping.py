@@ -9,14 +9,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml, require_keys
+from omnimj.parameters.reading import (
+    Rule,
+    check_choice,
+    check_flag,
+    check_number,
+    check_table,
+    check_text,
+    read_toml,
+    require_keys,
+)
 from omnimj.recording.dataset import PLANT_COLUMNS
 from omnimj.recording.dataset_file import CONDITION_KEYS, POSE_MEASURED
 from omnimj.recording.importing.dialect import DECIMALS, SEPARATORS, Dialect
 from omnimj.recording.importing.topics.join import JOINS, STAMPS, TopicChoice
 from omnimj.recording.importing.units import find_unit, known_units
 from omnimj.recording.run_table import printable
-from omnimj.recording.write_dataset import toml_key, toml_text
+from omnimj.recording.write_dataset import toml_entries, toml_key, toml_text
 
 if TYPE_CHECKING:
     from omnimj.recording.importing.propose import Proposal
@@ -108,7 +117,7 @@ def read_mapping(path: Path) -> LogMapping:
     """
     tree = read_toml(path)
     require_keys(path, tree, _TOP)
-    plant = _choice(f"{path}: plant", tree.get("plant"), PLANTS, "plant")
+    plant = check_choice(f"{path}: plant", tree.get("plant"), PLANTS, "plant")
     entries = check_table(f"{path}: [columns]", tree.get("columns", {}))
     columns = {name: _column(f"{path}: columns.{printable(name)}", entry) for name, entry in entries.items()}
     if "time" not in columns:
@@ -127,7 +136,7 @@ def read_mapping(path: Path) -> LogMapping:
         _dialect(f"{path}: csv", tree.get("csv", {})),
         _stale(f"{path}: [stale]", tree.get("stale")),
         _rotation(f"{path}: [pose]", tree.get("pose", {})),
-        _choice(f"{path}: empty", tree.get("empty", EMPTY_RULES[0]), EMPTY_RULES, "rule"),
+        check_choice(f"{path}: empty", tree.get("empty", EMPTY_RULES[0]), EMPTY_RULES, "rule"),
         _topics(f"{path}: [topics]", tree.get("topics")),
     )
 
@@ -146,15 +155,12 @@ def _column(place: str, entry: Any) -> ColumnSource:
     if scale == 0.0:
         raise InputError(f"{place}.scale", "found 0", "must not be 0")
     wrap = float(check_number(f"{place}.wrap", entry["wrap"], _POSITIVE)) if "wrap" in entry else None
-    difference = entry.get("difference", False)
-    if not isinstance(difference, bool):
-        raise InputError(f"{place}.difference", f"found {difference!r}", "must be true or false")
     return ColumnSource(
         check_text(f"{place}.from", entry["from"]),
         unit,
         scale,
         float(check_number(f"{place}.offset", entry.get("offset", 0.0), _FINITE)),
-        difference,
+        check_flag(f"{place}.difference", entry.get("difference", False)),
         wrap,
         int(check_number(f"{place}.signed", entry["signed"], _BITS, True)) if "signed" in entry else None,
         check_text(f"{place}.sign_of", entry["sign_of"]) if "sign_of" in entry else None,
@@ -173,7 +179,7 @@ def _dialect(place: str, entry: Any) -> Dialect:
     if lines.get("first_line") == 0:
         raise InputError(f"{place}.first_line", "found 0", "lines are counted from 1")
     texts: dict[str, Any] = {
-        name: _choice(f"{place}.{name}", entry[name], choices, name)
+        name: check_choice(f"{place}.{name}", entry[name], choices, name)
         for name, choices in (("separator", SEPARATORS), ("decimal", DECIMALS))
         if name in entry
     }
@@ -186,8 +192,8 @@ def _topics(place: str, entry: Any) -> TopicChoice | None:
     require_keys(place, check_table(place, entry), [f.name for f in fields(TopicChoice)])
     return TopicChoice(
         check_text(f"{place}: base", entry["base"]) if "base" in entry else None,
-        _choice(f"{place}: join", entry.get("join", JOINS[0]), JOINS, "rule"),
-        _choice(f"{place}: stamps", entry["stamps"], STAMPS, "clock") if "stamps" in entry else None,
+        check_choice(f"{place}: join", entry.get("join", JOINS[0]), JOINS, "rule"),
+        check_choice(f"{place}: stamps", entry["stamps"], STAMPS, "clock") if "stamps" in entry else None,
     )
 
 
@@ -218,18 +224,10 @@ def _conditions(place: str, entry: Any, keys: Sequence[str]) -> dict[str, Any]:
         if key == "mass":
             found[key] = float(check_number(at, value, _POSITIVE))
         elif key == POSE_MEASURED:
-            if not isinstance(value, bool):
-                raise InputError(at, f"found {value!r}", "must be true or false")
-            found[key] = value
+            found[key] = check_flag(at, value)
         else:
             found[key] = check_text(at, value)
     return found
-
-
-def _choice(place: str, entry: Any, choices: Sequence[str], kind: str) -> str:
-    if not isinstance(entry, str) or entry not in choices:
-        raise UnknownNameError(place, kind, entry, choices)
-    return entry
 
 
 def mapping_text(proposal: Proposal) -> str:
@@ -238,11 +236,11 @@ def mapping_text(proposal: Proposal) -> str:
     lines = [_HEAD, "", f"plant = {toml_text(mapping.plant)}"]
     if mapping.empty != LogMapping.empty:
         lines.append(f"empty = {toml_text(mapping.empty)}")
-    lines += ["", "[defaults]", *_conditions_text(mapping.defaults)]
+    lines += ["", "[defaults]", *toml_entries(mapping.defaults)]
     lines += [f"# {name.removeprefix('[defaults] ')} = ?" for name in proposal.missing if "]" in name]
     dialect = {f.name: getattr(mapping.dialect, f.name) for f in fields(mapping.dialect)}
     if any(value is not None for value in dialect.values()):
-        lines += ["", "[csv]", *_conditions_text({k: v for k, v in dialect.items() if v is not None})]
+        lines += ["", "[csv]", *toml_entries({k: v for k, v in dialect.items() if v is not None})]
     if mapping.topics is not None:
         lines += ["", *_topics_text(mapping.topics)]
     lines += ["", "[columns]"]
@@ -257,7 +255,7 @@ def mapping_text(proposal: Proposal) -> str:
         lines += ["", "[stale]  # rows in which none of the first changes though one of the second is not 0"]
         lines += [f"unchanged = {_list(mapping.stale.unchanged)}", f"moving = {_list(mapping.stale.moving)}"]
     for name, conditions in mapping.runs.items():
-        lines += ["", f"[runs.{toml_key(name)}]", *_conditions_text(conditions)]
+        lines += ["", f"[runs.{toml_key(name)}]", *toml_entries(conditions)]
     return "\n".join(lines) + "\n"
 
 
@@ -268,10 +266,6 @@ def _topics_text(choice: TopicChoice) -> list[str]:
     if choice.stamps:
         lines.append(f"stamps = {toml_text(choice.stamps)}  # header or log")
     return lines
-
-
-def _conditions_text(values: Mapping[str, float | str | bool | int]) -> list[str]:
-    return [f"{toml_key(key)} = {toml_text(value)}" for key, value in values.items()]
 
 
 def _column_text(rule: ColumnSource) -> str:

@@ -435,7 +435,7 @@ def _unclear(
             remarks[target] = f"raw readings ({unit.name}): scale = … {needed} per {unit.name}"
             found.append(target)
         elif unit is not None and unit.si and unit.si != needed and rule.scale is None:
-            remarks[target] = f"{unit.name} is no unit of {needed}: give a scale"
+            remarks[target] = f"{unit.name} is not a unit of {needed}: give a scale"
             found.append(target)
         elif unit is None and rule.unit is None and rule.source != target and target not in remarks:
             remarks[target] = f"no unit is written: taken as {needed}"

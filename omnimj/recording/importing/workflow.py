@@ -23,7 +23,8 @@ from omnimj.recording.importing.quality import (
     suspicious_wheels,
     time_quality,
 )
-from omnimj.recording.importing.tables import SourceHints, SourceTable, read_source
+from omnimj.recording.importing.source import read_source
+from omnimj.recording.importing.tables import SourceHints, SourceTable
 from omnimj.recording.importing.topics.join import TopicSummary
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.json_files import write_text
@@ -82,7 +83,7 @@ class ImportPlan:
     scalars: dict[str, str]
     """Single values of the first file."""
     topics: tuple[TopicSummary, ...]
-    """Topics of the first file; empty for logs that are no recorded messages."""
+    """Topics of the first file; empty for logs that are not message recordings."""
 
 
 def plan_import(config: ImportConfig, progress: Progress | None = None) -> ImportPlan:
@@ -203,7 +204,7 @@ def _quality_notes(
 ) -> list[str]:
     known = plant_columns(mapping.plant, MAX_WHEELS)
     unknown = [name for name in mapping.columns if not known.has(name)]
-    notes = [f"{name} is no column of {mapping.plant}: kept, and ignored by omnimj" for name in unknown]
+    notes = [f"{name} is not a column of {mapping.plant}; omnimj keeps but ignores it" for name in unknown]
     notes += [
         f"run {name}: {found.rate:.3g} samples per second; a dataset has 20 or more"
         for name, found in quality.items()

@@ -1,4 +1,4 @@
-"""The compiled loops of the plants without MuJoCo: the planar robot and the rig."""
+"""The compiled loops of the plants without MuJoCo: the planar robot and the rig; arguments as in `row`."""
 
 from __future__ import annotations
 
@@ -21,20 +21,7 @@ from omnimj.simulate.compiled.row import (
 
 @kernel
 def drive_planar(plant, progress, output, next_change, end, controller, plan):
-    """Drive until a number of rows is finished or Python is needed.
-
-    Args:
-      plant: `PlanarArrays`.
-      progress: Record of `Progress`, changed in place.
-      output: `Output`; a planar robot has no poses.
-      next_change: Time from which the plant has conditions to change [s].
-      end: Number of rows.
-      controller: `ControllerArrays`.
-      plan: `Plan`.
-
-    Returns:
-      The reason for which the loop returns.
-    """
+    """Drive a planar robot (`PlanarArrays`, no poses) by its controller."""
     run, x, first = progress[0], controller.record[0], first_truth(controller, output)
     while run.row < end:
         if run.moves:
@@ -54,20 +41,7 @@ def drive_planar(plant, progress, output, next_change, end, controller, plan):
 
 @kernel
 def follow_on_planar(plant, progress, output, next_change, end, loops, targets):
-    """Turn the wheels at given speeds until a number of rows is finished or Python is needed.
-
-    Args:
-      plant: `PlanarArrays`.
-      progress: Record of `Progress`, changed in place.
-      output: `Output`; a planar robot has no poses.
-      next_change: Time from which the plant has conditions to change [s].
-      end: Number of rows.
-      loops: Record of `WheelSpeedLoops`, changed in place.
-      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
-
-    Returns:
-      The reason for which the loop returns.
-    """
+    """Turn the wheels of a planar robot (`PlanarArrays`, no poses) at given speeds."""
     run, own = progress[0], loops[0]
     while run.row < end:
         if run.moves:
@@ -84,19 +58,7 @@ def follow_on_planar(plant, progress, output, next_change, end, loops, targets):
 
 @kernel
 def drive_planar_rig(plant, progress, output, next_change, end, current):
-    """Drive by given currents until a number of rows is finished or Python is needed.
-
-    Args:
-      plant: `PlanarRigArrays`.
-      progress: Record of `Progress`, changed in place.
-      output: `Output`; this rig has no poses.
-      next_change: Time from which the plant has conditions to change [s].
-      end: Number of rows.
-      current: Set current of every row, shape (rows,) [A].
-
-    Returns:
-      The reason for which the loop returns.
-    """
+    """Drive a planar rig (`PlanarRigArrays`, no poses) by given currents."""
     run = progress[0]
     while run.row < end:
         if run.moves:

@@ -6,6 +6,21 @@ state; the truth goes from the plant to the row.
 
 Measured runs are driven again with the wheel speeds that their encoders show, by wheel-speed loops and limits
 without the rest of the cascade; how the body moves is then up to the floor.
+
+The loops in `planar` and `twin` run until `end` rows are finished or Python is needed, and return the reason.
+Their arguments, and those of the functions below:
+
+    plant: Arrays of the plant, changed in place.
+    progress: Record of `Progress`, changed in place; `run` is its only row.
+    output: `Output`, whose arrays are filled.
+    next_change: Time of the simulation from which the plant has conditions to change [s].
+    end: Number of rows.
+    time: Time of the measurement [s].
+    controller: `ControllerArrays`.
+    plan: `Plan`.
+    loops: Record of `WheelSpeedLoops`, changed in place; `follow_row` gets its only row.
+    targets: Wheel speeds of every row, shape (rows, n) [rad/s].
+    current: Set current of every row, shape (rows,) [A].
 """
 
 from __future__ import annotations
@@ -92,13 +107,6 @@ class Output(NamedTuple):
 def control_period(controller, run, plan, output, time):
     """Control one period and fill its row, but for the truth.
 
-    Args:
-      controller: `ControllerArrays`.
-      run: `Progress`, changed in place.
-      plan: `Plan`.
-      output: `Output`.
-      time: Time of the measurement [s].
-
     Returns:
       Whether the detector has to decide first; the period is then continued by a second call.
     """
@@ -143,17 +151,7 @@ def first_truth(controller, output):
 
 @kernel
 def fill_rig_row(run, output, time, current):
-    """Fill a rig's row with time, readings and set current.
-
-    Args:
-      run: `Progress`.
-      output: `Output`.
-      time: Time of the measurement [s].
-      current: Set current of every row, shape (rows,) [A].
-
-    Returns:
-      The part of the row for the truth, a view.
-    """
+    """Fill a rig's row with time, readings and set current; returns its part for the truth, a view."""
     row = output.table[run.row]
     row[0], row[1 : RIG_COLUMNS - 1], row[RIG_COLUMNS - 1] = time, output.readings, current[run.row]
     return row[RIG_COLUMNS:]
@@ -161,29 +159,14 @@ def fill_rig_row(run, output, time, current):
 
 @kernel
 def keep_pose(run, output, pose):
-    """Keep the pose of a row where one is wanted.
-
-    Args:
-      run: `Progress`.
-      output: `Output`.
-      pose: Pose of the plant, shape (nq,).
-    """
+    """Keep the pose (nq,) of a row where one is wanted."""
     if run.row % output.every == 0 and run.row // output.every < output.poses.shape[0]:
         output.poses[run.row // output.every] = pose
 
 
 @kernel
 def finish_row(run, output, truth):
-    """Count a row whose truth is finite and not beyond all bounds.
-
-    Args:
-      run: `Progress`, changed in place.
-      output: `Output`.
-      truth: True values of the row, shape (number of truth columns,).
-
-    Returns:
-      False for a truth that is not sound.
-    """
+    """Count a row whose true values are finite and not beyond all bounds; False for another one."""
     for value in truth:
         if not abs(value) <= output.largest:
             return False
@@ -237,13 +220,6 @@ def _stiff_gains(robot: Robot, period: float) -> SpeedGains:
 @inlined
 def follow_row(loops, run, output, time, targets):
     """Set the currents of the coming period, and fill a row with time, readings and set currents.
-
-    Args:
-      loops: `WheelSpeedLoops`, changed in place.
-      run: `Progress`.
-      output: `Output`.
-      time: Time of the measurement [s].
-      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
 
     Returns:
       The part of the row for the truth, a view.

@@ -81,7 +81,7 @@ class _Run:
         self._loop, self._plant = loop, plant
         self._readings, self._signals = readings, signals
         self._progress = packed(Progress())
-        # loads the kernels, or compiles them, before anybody's clock runs
+        # load or compile the kernels before timing starts
         nothing = Output(np.empty((0, 1)), np.empty((0, 0)), 1, self._readings, 0, 0.0)
         self._finish_chunk(nothing, 0)
 
@@ -144,7 +144,7 @@ class CompiledRun(_Run):
         m = plant.reset()
         start = controller.start(m)
         if controller.detects:
-            # its kernels, too, are loaded before the clock runs; the copy takes what the decision changes
+            # load or compile its kernels, too; decide on a copy, so that the start state stays unchanged
             controller.decide(_copied(start), m.time)
         # the loop changes record and memory in place
         self.state = _copied(start)

@@ -1,4 +1,4 @@
-"""The compiled loops of the twins of robot and rig."""
+"""The compiled loops of the twins of robot and rig; arguments as in `row`."""
 
 from __future__ import annotations
 
@@ -28,20 +28,7 @@ from omnimj.simulate.compiled.row import (
 
 @kernel
 def drive_twin(plant, progress, output, next_change, end, controller, plan):
-    """Drive until a number of rows is finished or Python is needed.
-
-    Args:
-      plant: `TwinArrays`.
-      progress: Record of `Progress`, changed in place.
-      output: `Output`.
-      next_change: Time of the simulation from which the plant has conditions to change [s].
-      end: Number of rows.
-      controller: `ControllerArrays`.
-      plan: `Plan`.
-
-    Returns:
-      The reason for which the loop returns.
-    """
+    """Drive a robot's twin (`TwinArrays`) by its controller."""
     run, x, first = progress[0], controller.record[0], first_truth(controller, output)
     while run.row < end:
         if run.moves:
@@ -62,20 +49,7 @@ def drive_twin(plant, progress, output, next_change, end, controller, plan):
 
 @kernel
 def follow_on_twin(plant, progress, output, next_change, end, loops, targets):
-    """Turn the wheels at given speeds until a number of rows is finished or Python is needed.
-
-    Args:
-      plant: `TwinArrays`.
-      progress: Record of `Progress`, changed in place.
-      output: `Output`, without poses.
-      next_change: Time of the simulation from which the plant has conditions to change [s].
-      end: Number of rows.
-      loops: Record of `WheelSpeedLoops`, changed in place.
-      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
-
-    Returns:
-      The reason for which the loop returns.
-    """
+    """Turn the wheels of a robot's twin (`TwinArrays`, no poses) at given speeds."""
     run, own = progress[0], loops[0]
     while run.row < end:
         if run.moves:
@@ -92,19 +66,7 @@ def follow_on_twin(plant, progress, output, next_change, end, loops, targets):
 
 @kernel
 def drive_rig_twin(plant, progress, output, next_change, end, current):
-    """Drive by given currents until a number of rows is finished or Python is needed.
-
-    Args:
-      plant: `RigTwinArrays`.
-      progress: Record of `Progress`, changed in place.
-      output: `Output`.
-      next_change: Time of the simulation from which the plant has conditions to change [s].
-      end: Number of rows.
-      current: Set current of every row, shape (rows,) [A].
-
-    Returns:
-      The reason for which the loop returns.
-    """
+    """Drive a rig's twin (`RigTwinArrays`) by given currents."""
     run = progress[0]
     while run.row < end:
         if run.moves:

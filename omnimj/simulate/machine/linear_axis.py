@@ -14,10 +14,10 @@ import numpy as np
 from omnimj.effects import AXIS
 from omnimj.effects.axis import CARRIAGE, CHANNELS, DRIVE, GUIDE
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError
 from omnimj.parameters.mjcf_model import read_model_tree
 from omnimj.parameters.model_file import read_effects
-from omnimj.parameters.reading import Provenance, positive, quantity, read_table
+from omnimj.parameters.reading import Provenance, positive, quantity, read_table, require_keys
 from omnimj.plant.mujoco.machine import Machine, Uncertain, apply_part_effects
 from omnimj.plant.mujoco.quantities import body_names, is_hinge, read_drives, read_values
 from omnimj.recording.dataset import MASS_OF, MJCF, Dataset, Run
@@ -101,10 +101,7 @@ def read_axis(path: Path | None = None) -> Machine:
 def _tables(
     tree: Mapping[str, Any], path: Path, provenance: dict[str, Provenance]
 ) -> tuple[AxisBody, AxisSensors]:
-    known = ("plant", "axis", "sensors", "effects")
-    for key in tree:
-        if key not in known:
-            raise UnknownNameError(path, "table", key, known)
+    require_keys(path, tree, ("plant", "axis", "sensors", "effects"), "table")
     kinds, found = {"axis": AxisBody, "sensors": AxisSensors}, []
     for name, kind in kinds.items():
         if name not in tree:

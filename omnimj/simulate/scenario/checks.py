@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, check_number
+from omnimj.parameters.reading import Rule, check_number, require_keys
 
 BOUNDS = ("min", "max")
 METHODS = ("robust", "published", "off")
@@ -54,9 +54,7 @@ class CheckResult:
 def _read_bounds(place: str, name: str, entry: Any, method: str | None) -> list[Check]:
     if not isinstance(entry, Mapping):
         return [Check(name, "max", float(check_number(place, entry, _ANY)), method)]
-    for key in entry:
-        if key not in BOUNDS:
-            raise UnknownNameError(place, "key", key, BOUNDS)
+    require_keys(place, entry, BOUNDS)
     if not entry:
         raise InputError(place, "has no bound", "give min, max or both")
     limits = {bound: float(check_number(f"{place}.{bound}", value, _ANY)) for bound, value in entry.items()}

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError
+from omnimj.parameters.reading import check_choice, require_keys
 from omnimj.signals import Array, Reference
 from omnimj.simulate.scenario.motion import (
     ANGLE,
@@ -109,13 +110,9 @@ def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
 def _kind(table: DriveTable) -> str:
     if "kind" not in table:
         raise InputError(table.place, "'kind' is missing", "a drive has one", KINDS)
-    kind = table.content["kind"]
-    if kind not in KINDS:
-        raise UnknownNameError(table.at("kind"), "drive", kind, KINDS)
+    kind = check_choice(table.at("kind"), table.content["kind"], KINDS, "drive")
     own = (_PATHS[kind] if kind in _PATHS else _FREE[kind])[0]
-    for key in table.content:
-        if key not in _COMMON_KEYS and key not in own:
-            raise UnknownNameError(table.place, f"key of a {kind} drive", key, (*_COMMON_KEYS, *own))
+    require_keys(table.place, table.content, (*_COMMON_KEYS, *own), f"key of a {kind} drive")
     return kind
 
 

@@ -1,4 +1,7 @@
-"""Planned motions of each kind of drive, in closed form: profiles of speed, circles, squares, waypoints."""
+"""Planned motions of each kind of drive, in closed form: profiles of speed, circles, squares, waypoints.
+
+The function of each kind takes the `[drive]` table and k times from the start, shape (k,) [s].
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.parameters.reading import Rule, check_number
+from omnimj.parameters.reading import Rule, check_flag, check_number
 from omnimj.signals import Array
 
 # wide bounds that keep every reference finite
@@ -140,10 +143,7 @@ class DriveTable:
 
     def flag(self, key: str, default: bool) -> bool:
         """Boolean of a key."""
-        value = self.content.get(key, default)
-        if not isinstance(value, bool):
-            raise InputError(self.at(key), f"found {value!r}", "must be true or false")
-        return value
+        return check_flag(self.at(key), self.content.get(key, default))
 
     def text(self, key: str) -> str | None:
         """Text of a key; None without it or where it is empty."""
@@ -202,16 +202,10 @@ def directions(count: int = 24) -> Array:
 def profile(table: DriveTable, time: Array) -> tuple[Array, Array]:
     """Motion of kind `profile`: a straight line at a trapezoidal speed, with a turn if there is a `yaw_rate`.
 
+    Returns displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad].
     The direction is fixed in the world, independent of the heading. Without `cruise_time` and
     `distance` the robot cruises to the end of the run, and so does a turn without `yaw_cruise_time` and
     `turn`.
-
-    Args:
-      table: The `[drive]` table.
-      time: Times from the start, shape (k,) [s].
-
-    Returns:
-      Displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad].
     """
     begin = table.number("start_time", TIME, 0.0)
     direction = table.number("direction", ANGLE, 0.0)
@@ -241,31 +235,16 @@ def _turn(table: DriveTable, rate: float) -> Trapezoid:
 
 
 def hold(table: DriveTable, time: Array) -> tuple[Array, Array]:
-    """Plan a motion of kind `hold`, which stays in place.
-
-    Args:
-      table: The `[drive]` table.
-      time: Times from the start, shape (k,) [s].
-
-    Returns:
-      Displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad], all zero.
-    """
+    """Motion of kind `hold`, which stays in place: displacement (k, 2) and turned angle (k,) are zero."""
     return np.zeros((len(time), 2)), np.zeros_like(time)
 
 
 def circle(table: DriveTable, time: Array) -> Array:
-    """Plan the positions of a motion of kind `circle`.
+    """Positions of a motion of kind `circle`, shape (k, 2) [m].
 
     The motion starts at `start` (a point of the circle) or `start_angle` (as seen from its centre, default
     0). It has constant speed with `lap_time`; otherwise it goes from rest to rest with `speed` and
     `acceleration` on the path.
-
-    Args:
-      table: The `[drive]` table.
-      time: Times from the start, shape (k,) [s].
-
-    Returns:
-      Positions x, y, shape (k, 2) [m].
     """
     radius = 0.5 * table.number("diameter", LENGTH)
     center = np.array(table.point("center", (0.0, 0.0)))
@@ -288,17 +267,10 @@ def _start_angle(table: DriveTable, center: Array, radius: float) -> float:
 
 
 def square(table: DriveTable, time: Array) -> Array:
-    """Plan the positions of a motion of kind `square`.
+    """Positions of a motion of kind `square`, shape (k, 2) [m].
 
     The motion starts at the corner `start` (default: the one at +x, −y). With `speed` it stops at every
     corner; with `lap_time` it has constant speed.
-
-    Args:
-      table: The `[drive]` table.
-      time: Times from the start, shape (k,) [s].
-
-    Returns:
-      Positions x, y, shape (k, 2) [m].
     """
     side, center = table.number("side", LENGTH), np.array(table.point("center", (0.0, 0.0)))
     corners = center + 0.5 * side * np.array([(1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
@@ -314,17 +286,10 @@ def square(table: DriveTable, time: Array) -> Array:
 
 
 def waypoints(table: DriveTable, time: Array) -> Array:
-    """Plan the positions of a motion of kind `waypoints`.
+    """Positions of a motion of kind `waypoints`, shape (k, 2) [m].
 
     The path consists of straight lines with a stop at each point and begins at `start` where given, otherwise
     at the first point.
-
-    Args:
-      table: The `[drive]` table.
-      time: Times from the start, shape (k,) [s].
-
-    Returns:
-      Positions x, y, shape (k, 2) [m].
     """
     found = table.content.get("points")
     if not isinstance(found, list) or not found:

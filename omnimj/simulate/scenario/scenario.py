@@ -15,10 +15,10 @@ import numpy as np
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.gains import Gains
 from omnimj.effects import check_effects
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError
 from omnimj.parameters import Rig, Robot, read_rig, read_robot
 from omnimj.parameters.floor import Floor, all_floors, find_floor
-from omnimj.parameters.reading import Rule, read_toml
+from omnimj.parameters.reading import Rule, check_choice, read_toml, require_keys
 from omnimj.plant.faults import Fault, read_fault
 from omnimj.plant.ground import Patch, read_patch
 from omnimj.signals import Array
@@ -197,17 +197,14 @@ def _read(
     plant = tree.get("plant")
     if plant is None:
         raise InputError(f"{place}: plant", "is missing", "a scenario has one", PLANTS)
-    if plant not in PLANTS:
-        raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
+    check_choice(f"{place}: plant", plant, PLANTS, "plant")
     model_file = read_model_key(tree, path) if model_file is None else model_file
     read_machine, read_own = _READERS[plant]
     constants = read_machine(model_file)
     check_effects(constants)
     known = known_keys(plant, constants.wheel_count)
     _apply_overrides(tree, overrides, known)
-    for key in tree:
-        if key not in known[""]:
-            raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
+    require_keys(place, tree, tuple(known[""]), f"key of a {plant} scenario")
     _require_few_steps(tree, place, constants)
     floors = all_floors(read_floors_key(tree, path), floors_file)
     diagnosis = read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis")
@@ -242,9 +239,7 @@ def _read_robot_scenario(
     tree: Mapping, place: str, robot: Robot, floors: Mapping[str, Floor]
 ) -> dict[str, Any]:
     wheels, duration = len(robot.wheels), number_entry(tree, "duration", place, _DURATION)
-    level = tree.get("level", "physics")
-    if level not in LEVELS:
-        raise UnknownNameError(f"{place}: level", "level", level, LEVELS)
+    level = check_choice(f"{place}: level", tree.get("level", "physics"), LEVELS, "level")
     if "drive" not in tree:
         raise InputError(place, "[drive] is missing")
     drive = read_drive(tree["drive"], f"{place}: drive", duration, 1.0 / robot.sensors.sample_rate)
@@ -253,7 +248,7 @@ def _read_robot_scenario(
     kinematics = _read_level(tree, place, level, wheels)
     if kinematics is not None and drive.heading_hold:
         raise InputError(
-            f"{place}: drive.heading_hold", "is not there at the kinematic level", "leave it out"
+            f"{place}: drive.heading_hold", "does not exist at the kinematic level", "leave it out"
         )
     if kinematics is not None and drive.creep_floor is not None:
         raise InputError(f"{place}: drive.creep_floor", "the kinematic level has no creep", "leave it out")
@@ -277,7 +272,7 @@ def _read_level(tree: Mapping, place: str, level: str, wheels: int) -> Kinematic
     """Read `[kinematics]`, and refuse tables that have no effect at the scenario's level."""
     if level == "physics":
         if "kinematics" in tree:
-            found = "is there at the physics level"
+            found = "is not allowed at the physics level"
             raise InputError(f"{place}: kinematics", found, "it needs level = 'kinematic'")
         return None
     for key in ("faults", "patches"):
@@ -321,13 +316,10 @@ def _read_faults(
 
 
 def _equations(tree: Mapping, place: str) -> str:
-    found = tree.get("equations", EQUATIONS[0])
-    if found not in EQUATIONS:
-        raise UnknownNameError(f"{place}: equations", "form of the equations", found, EQUATIONS)
+    place = f"{place}: equations"
+    found = check_choice(place, tree.get("equations", EQUATIONS[0]), EQUATIONS, "form of the equations")
     if found != EQUATIONS[0] and tree.get("level") == "kinematic":
-        raise InputError(
-            f"{place}: equations", f"found {found!r}", "the kinematic level has kinematics.plant"
-        )
+        raise InputError(place, f"found {found!r}", "the kinematic level has kinematics.plant")
     return found
 
 

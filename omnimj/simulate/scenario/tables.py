@@ -12,7 +12,7 @@ from omnimj.control.cascade.allocation import SCALES
 from omnimj.control.detection.detector import OPTION_FLAGS, DetectorOptions, checked_options
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.mjcf_model import MJCF_SUFFIX
-from omnimj.parameters.reading import Rule, check_number
+from omnimj.parameters.reading import Rule, check_choice, check_flag, check_number, require_keys
 from omnimj.resources import models_folder
 from omnimj.simulate.kinematic import KinematicCase
 
@@ -56,83 +56,52 @@ def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
     return tables
 
 
+def _text_key(tree: Mapping, key: str, scenario: Path) -> str | None:
+    """Text of a key at the top level of a scenario; None without the key."""
+    name = tree.get(key)
+    if name is not None and (not isinstance(name, str) or not name):
+        raise InputError(f"{scenario.name}: {key}", f"found {name!r}", "a string is needed")
+    return name
+
+
 def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
     """Read the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` or `"own.xml"` a file.
 
     A file lies beside the scenario or, as `robotino/identified.toml`, in the folder of the shipped models.
 
-    Args:
-      tree: Top level of the scenario.
-      scenario: The scenario's file.
-
     Returns:
       Path of a file, or the bare name of a shipped model; None for the plant's default one.
-
-    Raises:
-      InputError: Not a text, or no such file.
     """
-    name = tree.get("model")
+    name = _text_key(tree, "model", scenario)
     if name is None:
         return None
-    place = f"{scenario.name}: model"
-    if not isinstance(name, str) or not name:
-        raise InputError(place, f"found {name!r}", "a string is needed")
-    if not name.endswith((".toml", MJCF_SUFFIX)):
-        return Path(name)
-    return _existing_file(name, scenario, place)
+    return _existing_file(name, "model", scenario) if name.endswith((".toml", MJCF_SUFFIX)) else Path(name)
 
 
 def read_floors_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Read the key `floors`: a file with floors, beside the scenario or among the shipped models.
-
-    Args:
-      tree: Top level of the scenario.
-      scenario: The scenario's file.
-
-    Returns:
-      Path of the file; None: only the shipped floors.
-
-    Raises:
-      InputError: Not a text, or no such file.
-    """
-    name = tree.get("floors")
-    if name is None:
-        return None
-    place = f"{scenario.name}: floors"
-    if not isinstance(name, str) or not name:
-        raise InputError(place, f"found {name!r}", "a string is needed")
-    return _existing_file(name, scenario, place)
+    """Read the key `floors`: a file beside the scenario or among the shipped models; None without the key."""
+    name = _text_key(tree, "floors", scenario)
+    return None if name is None else _existing_file(name, "floors", scenario)
 
 
-def _existing_file(name: str, scenario: Path, place: str) -> Path:
+def _existing_file(name: str, key: str, scenario: Path) -> Path:
     """File that a scenario names, beside it or else among the shipped models."""
     path = scenario.parent / name
     for file in (path, models_folder() / name):
         if file.is_file():
             return file
-    raise InputError(place, f"found {name!r}", f"there is no file {path}")
+    raise InputError(f"{scenario.name}: {key}", f"found {name!r}", f"there is no file {path}")
 
 
 def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
     """Read the key `scene`: `"obstacles"` is a shipped scene, `"own.xml"` a file beside the scenario.
 
-    Args:
-      tree: Top level of the scenario.
-      scenario: The scenario's file.
-
     Returns:
-      The MJCF file; None for the flat floor.
-
-    Raises:
-      InputError: Not a text, no such file, or a kinematic scenario, which has no ground.
-      UnknownNameError: No such shipped scene; the message lists them.
+      The MJCF file; None without the key, for the flat floor.
     """
-    if "scene" not in tree:
+    name, place = _text_key(tree, "scene", scenario), f"{scenario.name}: scene"
+    if name is None:
         return None
-    place = f"{scenario.name}: scene"
-    name = tree["scene"]
-    if not isinstance(name, str):
-        raise InputError(place, f"found {name!r}", "a string is needed")
     if tree.get("level") == "kinematic":
         raise InputError(place, f"found {name!r}", "the kinematic level has no ground")
     if name.endswith(".xml"):
@@ -158,9 +127,7 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     """
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed", DIAGNOSIS_KEYS)
-    for key in table:
-        if key not in DIAGNOSIS_KEYS:
-            raise UnknownNameError(place, "key", key, DIAGNOSIS_KEYS)
+    require_keys(place, table, DIAGNOSIS_KEYS)
     usual, floor = DetectorOptions(), table.get("floor")
     if floor is not None and not isinstance(floor, str):
         raise InputError(f"{place}.floor", f"found {floor!r}", "a string is needed")
@@ -188,15 +155,9 @@ def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
     """
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed")
-    for key in table:
-        if key not in KINEMATIC_KEYS:
-            raise UnknownNameError(place, "key", key, KINEMATIC_KEYS)
-    plant = table.get("plant", "corrected")
-    if plant not in tuple(SCALES):
-        raise UnknownNameError(f"{place}.plant", "kinematic plant", plant, SCALES)
-    freely = table.get("lost_wheel_turns_freely", False)
-    if not isinstance(freely, bool):
-        raise InputError(f"{place}.lost_wheel_turns_freely", f"found {freely!r}", "must be true or false")
+    require_keys(place, table, KINEMATIC_KEYS)
+    plant = check_choice(f"{place}.plant", table.get("plant", "corrected"), SCALES, "kinematic plant")
+    freely = check_flag(f"{place}.lost_wheel_turns_freely", table.get("lost_wheel_turns_freely", False))
     lost = table.get("lost_wheel")
     if lost is not None:
         lost = int(check_number(f"{place}.lost_wheel", lost, Rule(1, wheels, False), whole=True))

@@ -62,7 +62,7 @@ _SUITES = (
         machine.plan_axis_motions,
         machine.record_axis,
         repeats=2,
-        plants=("twin", "planar"),  # one and the same: it moves along a line
+        plants=("twin", "planar"),  # both names mean the same plant, which moves along a line
     ),
     Suite(
         "machine_moves",

@@ -91,13 +91,9 @@ def plan_axis_motions(axis: Machine, seed: int) -> list[Condition]:
 def record_machine(
     machine: Machine, nominal: Machine, condition: Condition, config: RunConfig
 ) -> Mapping[str, Array]:
-    """Record one motion under position control: inputs of the actuators and positions of the joints.
+    """Record a `MachineMotion` under position control: inputs of the actuators and positions of the joints.
 
-    Args:
-      machine: True machine, with its effects.
-      nominal: Machine that the controller assumes.
-      condition: Condition whose drive is a `MachineMotion`.
-      config: Seed and progress; there is one plant only.
+    A `RecordRun`; there is one plant only.
     """
     return drive_motion(machine, nominal, condition.drive, config).columns
 
@@ -110,7 +106,7 @@ def record_axis(
 
 
 def drive_motion(machine: Machine, nominal: Machine, wanted: MachineMotion, config: RunConfig) -> Run:
-    """Log of one motion in the columns of the MJCF file; arguments as for `record_machine`."""
+    """Log of one motion in the columns of the MJCF file; machines and configuration as for a `RecordRun`."""
     loop = machine_loop(nominal, float(nominal.mj_model.opt.timestep))
     plan = loop.plan(wanted.seed, wanted.motion)
     truth = machine_truth(machine, declared_values(machine))

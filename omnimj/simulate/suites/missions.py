@@ -14,7 +14,7 @@ from omnimj.plant.interface import robot_channels
 from omnimj.signals import Array, Reference
 from omnimj.simulate.driving import drive
 from omnimj.simulate.loop import Callbacks, require_complete
-from omnimj.simulate.plants import make_robot_plant
+from omnimj.simulate.plants import make_simulated
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 MISSIONS = 6
@@ -119,23 +119,9 @@ def _rate_limited(demand: Array, period: float) -> Array:
 def record_robot(
     robot: Robot, nominal: Robot, condition: Condition, config: RunConfig
 ) -> Mapping[str, Array]:
-    """Record one mission: measurements, set currents, and the true pose of the robot.
-
-    Args:
-      robot: True robot, with its effects.
-      nominal: Robot that the controller assumes.
-      condition: Condition whose drive is a `Reference`.
-      config: Plant, seed and progress callback.
-
-    Returns:
-      Columns of the run, shape (samples,) each.
-
-    Raises:
-      SimulationError: The simulation failed.
-      KeyboardInterrupt: Ctrl-C was pressed.
-    """
+    """Record a mission, given as `Reference`: measurements, set currents and true pose (a `RecordRun`)."""
     floor = str(condition.conditions["floor"])
-    plant = make_robot_plant(config.plant, robot, floor, config.floors, seed=config.seed)
+    plant = make_simulated(config.plant, robot, floor, config.floors, seed=config.seed)
     try:
         controller = CompiledController(Controller(nominal, period=plant.period))
         trace = drive(plant, controller, condition.drive, Callbacks(config.progress))

@@ -13,7 +13,7 @@ from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import Array, CurrentCommand
 from omnimj.simulate.driving import drive_rig
 from omnimj.simulate.loop import Callbacks, require_complete
-from omnimj.simulate.plants import make_rig_plant
+from omnimj.simulate.plants import make_simulated
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 RAIL_MARGIN = 0.03
@@ -213,25 +213,14 @@ def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
 
 
 def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
-    """Record one run: measurements and set current until the carriage reaches the end of the rail.
+    """Record measurements and set current of a `RigExcitation` up to the end of the rail.
 
-    Args:
-      rig: True rig, with its effects.
-      nominal: Unused, since nothing is controlled.
-      condition: Condition whose drive is a `RigExcitation`.
-      config: Plant, seed and progress callback.
-
-    Returns:
-      Columns of the run, shape (samples,) each.
-
-    Raises:
-      SimulationError: The simulation failed.
-      KeyboardInterrupt: Ctrl-C was pressed.
+    A `RecordRun`; nothing is controlled, so that the nominal rig is not used.
     """
     drive: RigExcitation = condition.drive
     floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
     options = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": config.seed}
-    plant = make_rig_plant(config.plant, rig, floor, config.floors, **options)
+    plant = make_simulated(config.plant, rig, floor, config.floors, **options)
     try:
         trace = drive_rig(plant, drive.current, Callbacks(config.progress))
     finally:

@@ -45,8 +45,9 @@ class RunConfig:
 
 
 RecordRun = Callable[[Any, Any, Condition, RunConfig], Mapping[str, Array]]
-"""Function of (machine with effects, nominal machine, condition, configuration) that drives one run and
-returns its log."""
+"""Function of (true machine with its effects, nominal machine that the controller assumes, condition,
+configuration) that drives one run and returns its columns, shape (samples,) each. It raises SimulationError
+where the simulation fails, KeyboardInterrupt after Ctrl-C."""
 
 
 @dataclass(frozen=True)

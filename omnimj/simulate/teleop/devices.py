@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 from omnimj.errors import InputError
 from omnimj.signals import Target
@@ -252,26 +252,6 @@ class Gamepad:
         os.close(self._file)
 
 
-class KeyInput(Protocol):
-    """Source of key bytes: `Terminal`."""
-
-    def read(self) -> bytes | None:
-        """Bytes typed since the last call; None when the terminal is gone."""
-        ...
-
-    def show(self, line: str) -> None:
-        """Write one line over the previous one."""
-        ...
-
-
-class GamepadInput(Protocol):
-    """Source of stick events: `Gamepad`."""
-
-    def read(self) -> bytes | None:
-        """Bytes since the last call; None when the gamepad is gone."""
-        ...
-
-
 class Operator:
     """Source of targets for `drive_by_hand`, which ends on a key or when the terminal is gone."""
 
@@ -279,8 +259,8 @@ class Operator:
         self,
         steering: Steering,
         period: float,
-        keyboard: KeyInput,
-        pad: GamepadInput | None = None,
+        keyboard: Terminal,
+        pad: Gamepad | None = None,
         clock: Callable[[], float] = time.monotonic,
         status: Callable[[], str] = str,
     ):

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -38,17 +38,9 @@ _MIN_SLEEP = 0.002  # [s] ahead of time from which on sleeping is worthwhile
 _MAX_LAG = 0.1  # [s] behind time from which on the lag is dropped
 
 
-class TargetSource(Protocol):
-    """Source of targets: `Operator`."""
-
-    def target(self, heading: float, time_scaling: float) -> Target | None:
-        """Target of the coming control period; None ends the drive.
-
-        Args:
-          heading: The controller's estimate [rad].
-          time_scaling: Share of the demanded speed that recovery allows, 0…1.
-        """
-        ...
+TargetSource = Callable[[float, float], Target | None]
+"""Function such as `Operator.target`, of (heading that the controller estimates [rad], share of the demanded
+speed that recovery allows, 0…1), that returns the target of the coming period, or None to end the drive."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +86,7 @@ class _FollowOperator:
         self._heading = wrapped(measurement.yaw) if math.isfinite(measurement.yaw) else 0.0
 
     def command(self, measurement: Measurement, row: Array) -> CurrentCommand | None:
-        target = self._source.target(self._heading, self.state.time_scaling)
+        target = self._source(self._heading, self.state.time_scaling)
         if target is None:
             return None
         command, self.state = self._controller.step(self.state, measurement, target)

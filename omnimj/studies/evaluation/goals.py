@@ -69,18 +69,8 @@ def judge_goals(summary: Summary) -> tuple[GoalResult, ...]:
 def _alarms(summary: Summary) -> Iterator[GoalResult]:
     """Yield the false-alarm rates per plant, since the required hours differ."""
     if not summary.quiet:
-        yield GoalResult(
-            "false alarms, fault-free",
-            "/h",
-            f"≤ {MAX_FALSE_ALARMS_PER_HOUR:g}/h",
-            None,
-            None,
-            None,
-            0.0,
-            "h",
-            None,
-            True,
-        )
+        goal = f"≤ {MAX_FALSE_ALARMS_PER_HOUR:g}/h"
+        yield _events("false alarms, fault-free", goal, summary.alarms, None, True)
     for plant, found in summary.quiet.items():
         hours = QUIET_HOURS.get(plant, inf)
         goal = f"≤ {MAX_FALSE_ALARMS_PER_HOUR:g}/h: none in {hours:g} h"

@@ -113,10 +113,7 @@ def run_evaluation(
     """Run the missing cases and evaluate all that are finished; arguments and errors as for `run_study`.
 
     Raises:
-      InputError: The folder holds something else or another evaluation, or cannot be written; the method is
-        unknown.
       UnknownNameError: A suite, structure, plant, floor or fault class does not exist.
-      SimulationError: A worker died; finished cases are kept.
     """
     return run_study(_Evaluation(config), report, executor)
 

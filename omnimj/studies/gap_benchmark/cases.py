@@ -15,7 +15,7 @@ import numpy as np
 
 from omnimj.effects import RIG, Effect, EffectParameter, effects_of
 from omnimj.estimate.replay.base_parameters import base_parameters
-from omnimj.estimate.replay.interface import BaseParameter
+from omnimj.estimate.replay.interface import BaseParameter, CandidateParameter
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.dataset import ROBOT_WHEELS
 from omnimj.studies.gap_benchmark.unmodelled import KINDS, STRUCTURES, UnmodelledEffect, draw_unmodelled
@@ -181,7 +181,7 @@ def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> Hidde
         signs = [1.0]
     sign = float(random.choice(signs)) if signs else 1.0
     for p in chosen:
-        values[p.name] = float(np.clip(_at(p, sign * share), p.low, p.high))
+        values[p.name] = float(np.clip(value_at(p, sign * share), p.low, p.high))
     values.update(_shape(effect, random))
     selectors = [selector for selector in effect.selectors if not selector.optional]
     for selector in selectors:
@@ -189,13 +189,14 @@ def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> Hidde
     return HiddenEffect(effect.name, {p.name: values[p.name] for p in (*effect.parameters, *selectors)}, size)
 
 
-def _at(p: EffectParameter, share: float) -> float:
+def value_at(p: EffectParameter | CandidateParameter, share: float) -> float:
+    """Return the value at a share of the way from no effect to the typical value."""
     null_value = p.null_value or 0.0
     return null_value + share * (p.typical - null_value)
 
 
 def _fits(p: EffectParameter, share: float) -> bool:
-    return p.low <= _at(p, share) <= p.high
+    return p.low <= value_at(p, share) <= p.high
 
 
 def _shape(effect: Effect, random: np.random.Generator) -> dict[str, float]:

@@ -20,7 +20,7 @@ from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machi
 from omnimj.parameters import Rig, read_floors, read_rig
 from omnimj.physics.effect_terms import apply_motor_effects, terms_at
 from omnimj.physics.motor import achievable_current, motor_parameters
-from omnimj.plant.interface import RIG_CHANNELS, Plant
+from omnimj.plant.interface import RIG_CHANNELS
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Run
@@ -29,6 +29,7 @@ from omnimj.recording.write_dataset import toml_text, write_dataset
 from omnimj.signals import Array, CurrentCommand
 from omnimj.simulate.driving import drive_rig
 from omnimj.simulate.loop import require_complete
+from omnimj.simulate.plants import make_simulated
 from omnimj.simulate.suites.rig import samples_on_rail
 from omnimj.studies.gap_benchmark.cases import FLOORS, Case, HiddenEffect
 from omnimj.studies.gap_benchmark.unmodelled import Motion, RunContext, UnmodelledEffect
@@ -172,11 +173,11 @@ def true_machine(case: Case) -> AdjustedMachine[Rig]:
 
 def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: int, made_by: str) -> Run:
     seed = int(np.random.SeedSequence(case.seed, spawn_key=(1, k)).generate_state(1, np.uint64)[0])
-    rig = _plant(truth, planned, seed, made_by)
-    plant: Plant = rig
+    options = {"mass": planned.mass * truth.mass_scale, "lateral_speed": planned.lateral_speed, "seed": seed}
+    plant: Any = make_simulated(made_by, truth.machine, planned.floor, truth.floors, **options)
     if case.unmodelled:
-        context = RunContext(planned.session, planned.mass * truth.mass_scale)
-        plant = DisturbedPlant(rig, case.unmodelled, context, truth.machine)
+        context = RunContext(planned.session, options["mass"])
+        plant = DisturbedPlant(plant, case.unmodelled, context, truth.machine)
     try:
         trace = drive_rig(plant, planned.current)
     finally:
@@ -188,20 +189,6 @@ def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: i
         columns = effect.bend_readings(columns, trace["carriage_position"][:rows])
     conditions = MappingProxyType({"floor": planned.floor, "mass": planned.mass})
     return Run(planned.name, columns, MappingProxyType({}), conditions, planned.condition)
-
-
-def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by: str) -> PlanarRig | RigTwin:
-    mass = planned.mass * truth.mass_scale
-    if made_by == "planar":
-        return PlanarRig(
-            truth.machine,
-            planned.floor,
-            mass=mass,
-            lateral_speed=planned.lateral_speed,
-            seed=seed,
-            floors=truth.floors,
-        )
-    return RigTwin(truth.machine, truth.floors[planned.floor], mass, planned.lateral_speed, seed=seed)
 
 
 class DisturbedPlant:

@@ -17,7 +17,7 @@ import numpy as np
 from omnimj.effects import MJCF
 from omnimj.effects.parts import JOINT
 from omnimj.errors import InputError
-from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
+from omnimj.estimate.replay.interface import CandidateEffect
 from omnimj.estimate.replay.mjcf.replay import MachineReplay
 from omnimj.plant.mujoco.machine import Machine, read_machine_file
 from omnimj.plant.mujoco.quantities import QUANTITIES
@@ -39,6 +39,7 @@ from omnimj.studies.gap_benchmark.cases import (
     WITHIN,
     Case,
     HiddenEffect,
+    value_at,
 )
 from omnimj.studies.gap_benchmark.datasets import write_whole_dataset
 from omnimj.studies.gap_benchmark.hand_equations import has_hand_equations, integrated_rows
@@ -192,7 +193,7 @@ def _hide(candidate: CandidateEffect, size: str, random: np.random.Generator) ->
     """Draw the values of an effect: amplitudes at a size, one sign for all, shapes within their trials."""
     share = SIZES[size]
     amplitudes = [p for p in candidate.parameters if p.null_value is not None]
-    signs = [s for s in (1.0, -1.0) if all(p.low <= _at(p, s * share) <= p.high for p in amplitudes)]
+    signs = [s for s in (1.0, -1.0) if all(p.low <= value_at(p, s * share) <= p.high for p in amplitudes)]
     sign = float(random.choice(signs)) if signs else 1.0
     values: dict[str, float | str] = {}
     for p in candidate.parameters:
@@ -200,14 +201,9 @@ def _hide(candidate: CandidateEffect, size: str, random: np.random.Generator) ->
             trials = p.trials or (p.typical,)
             values[p.name] = float(random.uniform(min(trials), max(trials)))
         else:
-            values[p.name] = float(np.clip(_at(p, sign * share), p.low, p.high))
+            values[p.name] = float(np.clip(value_at(p, sign * share), p.low, p.high))
     chosen = {key: str(value) for key, value in candidate.selectors.items()}
     return HiddenEffect(candidate.effect, {**values, **chosen}, size)
-
-
-def _at(p: CandidateParameter, share: float) -> float:
-    null = p.null_value or 0.0
-    return null + share * (p.typical - null)
 
 
 def _deviation(random: np.random.Generator) -> UnmodelledEffect:
@@ -274,7 +270,7 @@ def _run(
 def machine_true_values(hidden: HiddenEffect, case: Case) -> dict[str, float]:
     """Values of an effect relative to the nominal machine: hidden ones plus the errors of the base.
 
-    The errors matter where the base has the same quantity; what is left of it is no less than nothing.
+    The errors matter where the base has the same quantity; the sum is clipped at the quantity's lowest value.
     """
     library = machine_library(case.plant)
     true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}

@@ -85,9 +85,7 @@ def run_benchmark(
     """Make missing datasets, search those without a result, and score all results; see `run_study`.
 
     Raises:
-      InputError: The folder holds something else or another benchmark, or cannot be written.
       UnknownNameError: The maker or the plant does not exist.
-      SimulationError: A worker died; finished results are kept.
     """
     return run_study(_Benchmark(config), report, executor)
 

@@ -22,50 +22,42 @@ _ROCKING_DAMPING = 0.08  # damping ratio of a body that rocks on its suspension
 class UnmodelledKind:
     """Kind of physics outside the library."""
 
-    words: str
     amplitude: float
     """Noticeable amplitude, the unit of sizes."""
-    unit: str
     shortest: float
     longest: float
     """Upper end of the range of its length [m, s, m/s, Hz or periods per turn, by kind]."""
 
 
 KINDS: Mapping[str, UnmodelledKind] = {
-    "floor_drift": UnmodelledKind(
-        "the floor loses grip while it warms, within and between runs", 0.3, "1", 1.0, 3.0
-    ),
-    "bent_rail": UnmodelledKind(
-        "the rail is wavy: a grade that changes its sign along it", 0.02, "rad", 0.3, 0.8
-    ),
-    "rail_joints": UnmodelledKind("a force that repeats along the rail", 1.5, "N", 0.08, 0.2),
-    "drying_rail": UnmodelledKind("rail friction that fades after the start", 2.0, "N", 0.2, 0.8),
-    "speed_hump": UnmodelledKind("rail friction that peaks at one speed", 2.0, "N", 0.3, 0.8),
-    "drifting_accelerometer": UnmodelledKind(
-        "the accelerometer's offset grows with time", 0.4, "m/s3", 1.0, 1.0
-    ),
-    "sideways_crosstalk": UnmodelledKind(
-        "the carriage's encoder feels the gantry's speed", 0.06, "1", 1.0, 1.0
-    ),
-    "eccentric_encoder": UnmodelledKind(
-        "the measuring wheel of the carriage runs out of true", 0.04, "1", 0.01, 0.02
-    ),
+    # the floor loses grip while it warms, within and between runs [1]
+    "floor_drift": UnmodelledKind(0.3, 1.0, 3.0),
+    # the rail is wavy: a grade that changes its sign along it [rad]
+    "bent_rail": UnmodelledKind(0.02, 0.3, 0.8),
+    # a force that repeats along the rail [N]
+    "rail_joints": UnmodelledKind(1.5, 0.08, 0.2),
+    # rail friction that fades after the start [N]
+    "drying_rail": UnmodelledKind(2.0, 0.2, 0.8),
+    # rail friction that peaks at one speed [N]
+    "speed_hump": UnmodelledKind(2.0, 0.3, 0.8),
+    # the accelerometer's offset grows with time [m/s³]
+    "drifting_accelerometer": UnmodelledKind(0.4, 1.0, 1.0),
+    # the carriage's encoder feels the gantry's speed [1]
+    "sideways_crosstalk": UnmodelledKind(0.06, 1.0, 1.0),
+    # the measuring wheel of the carriage runs out of true [1]
+    "eccentric_encoder": UnmodelledKind(0.04, 0.01, 0.02),
 }
-"""Effects for which the workflow must not name any effect of the library."""
+"""Effects for which the workflow must not name any effect of the library, with the unit of the amplitude."""
 
 STRUCTURES: Mapping[str, UnmodelledKind] = {
-    "gear_law": UnmodelledKind(
-        "the gear wastes a share of its torque that grows with the speed, the amplitude at `length`",
-        0.8,
-        "N/A",
-        0.6,
-        1.0,
-    ),
-    "friction_law": UnmodelledKind(
-        "dry friction of the rail that builds up with speed and saturates", 0.2, "N", 0.05, 0.3
-    ),
-    "drive_ripple": UnmodelledKind("a force that repeats with the turn of the drive", 0.4, "N", 1.3, 2.7),
-    "rocking": UnmodelledKind("the body rocks and shakes its accelerometer", 0.12, "1", 6.0, 12.0),
+    # the gear wastes a share of its torque that grows with the speed, the amplitude at `length` [N/A]
+    "gear_law": UnmodelledKind(0.8, 0.6, 1.0),
+    # dry friction of the rail that builds up with speed and saturates [N]
+    "friction_law": UnmodelledKind(0.2, 0.05, 0.3),
+    # a force that repeats with the turn of the drive [N]
+    "drive_ripple": UnmodelledKind(0.4, 1.3, 2.7),
+    # the body rocks and shakes its accelerometer [1]
+    "rocking": UnmodelledKind(0.12, 6.0, 12.0),
 }
 """Small deviations of a real machine from the equations of the library, beside which effects are hidden."""
 

@@ -24,7 +24,7 @@ from typing import Any
 from omnimj.errors import InputError
 from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml, require_keys
 from omnimj.recording.dataset_file import DATASET_FILE
-from omnimj.recording.importing.tables import READERS
+from omnimj.recording.importing.source import READERS
 from omnimj.resources import models_folder
 
 KNOWN_SETS = "real_sets.toml"

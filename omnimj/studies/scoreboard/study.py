@@ -73,13 +73,7 @@ class ScoreboardResult:
 def run_scoreboard(
     config: ScoreboardConfig, report: Progress, executor: Executor | None = None
 ) -> ScoreboardResult:
-    """Search all sets without a result, and compare all results with publications; see `run_study`.
-
-    Raises:
-      InputError: A path holds no set, or the folder holds something else or other settings.
-      OutputError: A file cannot be written; finished results are kept.
-      SimulationError: A worker died; finished results are kept.
-    """
+    """Search all sets without a result, and compare all results with publications; see `run_study`."""
     return run_study(_Scoreboard(config), report, executor)
 
 
@@ -117,7 +111,10 @@ class _Scoreboard:
         """Compare every stored result with what is published, and write the table."""
         config = self.config
         results, errors = self._results.collect([one.name for one in self._sets])
-        rows = tuple(Row.of(one, results.get(one.name), errors.get(one.name, "")) for one in self._sets)
+        rows = tuple(
+            Row(one.name, one.expected, one.source, results.get(one.name), errors.get(one.name, ""))
+            for one in self._sets
+        )
         tables = tuple(score_tables(rows, self._missing))
         lines = tuple(introduction(rows, self._missing))
         content = {
@@ -180,11 +177,6 @@ class Row:
     result: Mapping[str, Any] | None
     """Result of the search; None where it is missing."""
     error: str = ""
-
-    @staticmethod
-    def of(one: RealSet, result: Mapping[str, Any] | None, error: str = "") -> Row:
-        """Make the row of a set."""
-        return Row(one.name, one.expected, one.source, result, error)
 
     @property
     def named(self) -> tuple[str, ...]:

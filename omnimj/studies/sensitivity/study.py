@@ -103,10 +103,8 @@ def run_sensitivity(
     """Run the missing points of all trajectories and rank the parameters; see `run_study`.
 
     Raises:
-      InputError: The folder holds something else or another study, or cannot be written; the scenario or its
-        settings are not possible; no parameter has one of the given provenances.
+      InputError: Also where no parameter has one of the given provenances.
       UnknownNameError: A scenario, plant, method or provenance does not exist.
-      SimulationError: A worker died; finished runs are kept.
     """
     return run_study(_Sensitivity(config), report, executor)
 

@@ -120,7 +120,7 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
         scenario = read_scenario(text, (), model)
         if scenario.plant != "uto_robot" or scenario.level != "physics" or scenario.scene is not None:
             rule = "a scenario of a robot with forces on a flat floor is needed"
-            raise InputError(f"SCENARIO {text}", "cannot be tuned with", rule)
+            raise InputError(f"SCENARIO {text}", "cannot be used for tuning", rule)
         own = read_robot(model).file
         if scenario.constants.file.resolve() != own.resolve():
             rule = "all scenarios must be of one robot: give --model"

@@ -213,9 +213,7 @@ def run_tuning(
 ) -> TuningResult | None:
     """Search gains, compare them with those before, survey the cost around them; None after Ctrl-C.
 
-    Raises:
-      InputError: The folder next to the file holds something else, or cannot be written.
-      SimulationError: A worker died, or a trial failed; finished trials are kept.
+    Arguments and errors as for `run_study`; a trial that fails is a SimulationError, too.
     """
     return run_study(_Tuning(config), report, executor)
 

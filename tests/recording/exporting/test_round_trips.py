@@ -16,7 +16,8 @@ from omnimj.recording.dataset import PLANT_COLUMNS
 from omnimj.recording.exporting.files import write_csv, write_mat
 from omnimj.recording.exporting.messages import write_mcap
 from omnimj.recording.exporting.source import ExportedRun, column_unit, matlab_names, read_run, ros_names
-from omnimj.recording.importing.tables import SourceTable, read_source
+from omnimj.recording.importing.source import read_source
+from omnimj.recording.importing.tables import SourceTable
 from omnimj.recording.importing.units import find_unit
 from omnimj.recording.traces import write_trace
 from omnimj.signals import Array, Trace, robot_channels

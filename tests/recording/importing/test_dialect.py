@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from omnimj.errors import InputError
 from omnimj.recording.importing.dialect import Dialect, find_dialect
-from omnimj.recording.importing.tables import READERS, read_source
+from omnimj.recording.importing.source import READERS, read_source
 from omnimj.recording.importing.units import find_unit, known_units, split_unit, target_unit
 
 TABLES = sorted(set(READERS) - {".mcap", ".db3"})

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from recording.made_bags import START, WRITERS, drive, number, write_json_mcap, write_mcap
 
 from omnimj.errors import InputError
-from omnimj.recording.importing.tables import read_source
+from omnimj.recording.importing.source import read_source
 
 MAGIC = b"\x89MCAP0\r\n"
 

@@ -14,7 +14,7 @@ from omnimj.recording.dataset import MJCF
 from omnimj.recording.importing.mapping import read_mapping
 from omnimj.recording.importing.propose import propose
 from omnimj.recording.importing.quality import pose_misfit, suspicious_wheels
-from omnimj.recording.importing.tables import read_source
+from omnimj.recording.importing.source import read_source
 from omnimj.recording.importing.workflow import ImportConfig, plan_import, write_import
 from omnimj.recording.read_dataset import read_dataset
 

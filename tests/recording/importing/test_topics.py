@@ -31,7 +31,8 @@ from recording.made_bags import (
 )
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.recording.importing.tables import SourceHints, read_source
+from omnimj.recording.importing.source import read_source
+from omnimj.recording.importing.tables import SourceHints
 from omnimj.recording.importing.topics.join import LONGEST_GAP, TopicChoice, Track, values_at
 
 TIME = np.arange(COUNT) / RATE

@@ -41,7 +41,7 @@ def by_hand(typed, steps, kept=100_000, floor="natural_stone", **callbacks):
     plant, recent = make_plant(scenario, "planar", 1), RowBuffer(kept)
     controller = make_diagnosing_controller(scenario, make_detector("robust", scenario))
     hands = Hands(typed, steps)
-    driven = drive_by_hand(plant, controller, hands, TeleopCallbacks(rows=(recent.add,), **callbacks))
+    driven = drive_by_hand(plant, controller, hands.target, TeleopCallbacks(rows=(recent.add,), **callbacks))
     plant.close()
     return driven, recent.trace({})
 
@@ -74,7 +74,7 @@ def test_what_is_kept_is_the_newest_and_bounded():
     scenario = free_drive()
     plant, recent = make_plant(scenario, "planar", 1), RowBuffer(250)
     watch = TeleopCallbacks(rows=(recent.add, watched))
-    driven = drive_by_hand(plant, make_diagnosing_controller(scenario, None), Hands({}, 1030), watch)
+    driven = drive_by_hand(plant, make_diagnosing_controller(scenario, None), Hands({}, 1030).target, watch)
     assert driven.steps == sum(sizes) == 1030
     assert 250 <= recent.rows < 350 and recent.trace({})["time"][-1] == pytest.approx(1.029)
     empty = RowBuffer(0)

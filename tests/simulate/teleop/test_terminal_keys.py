@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import os
 import struct
+from typing import cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.errors import InputError
-from omnimj.simulate.teleop.devices import STALE_AFTER, Gamepad, GamepadReader, Operator
+from omnimj.simulate.teleop.devices import STALE_AFTER, Gamepad, GamepadReader, Operator, Terminal
 from omnimj.simulate.teleop.steering import DIRECTIONS, Key, KeyReader, Steering, SteeringLimits, StickState
 
 TYPED = b"wsad\x1b[A\x1b[Bjl\x1b[D\x1bOCW q"
@@ -100,7 +101,9 @@ class Fingers:
 
 def driven_by(fingers, duration, pad=None):
     steering = Steering(SteeringLimits())
-    operator = Operator(steering, 0.001, fingers, pad, clock=lambda: fingers.now, status=lambda: "fine")
+    operator = Operator(
+        steering, 0.001, cast("Terminal", fingers), pad, clock=lambda: fingers.now, status=lambda: "fine"
+    )
     speeds = []
     while fingers.now < duration and operator.target(0.0, 1.0) is not None:
         speeds.append(steering.twist[0])
@@ -120,7 +123,7 @@ def test_an_operator_ends_with_a_key_or_with_the_terminal_and_sees_the_status():
 def test_keys_that_lay_unread_for_long_move_nothing():
     fingers = Fingers()
     steering = Steering(SteeringLimits())
-    operator = Operator(steering, 0.001, fingers, clock=lambda: fingers.now)
+    operator = Operator(steering, 0.001, cast("Terminal", fingers), clock=lambda: fingers.now)
     fingers.now = STALE_AFTER + 0.05
     fingers.typed = {0.15: b"www", 0.16: b"w"}
     operator.target(0.0, 1.0)

@@ -282,9 +282,9 @@ def test_draws_depend_on_scenario_seed_and_number_alone_and_take_turns_in_what_b
 
 def test_scenarios_that_cannot_be_tuned_with_are_refused(tmp_path):
     for text, expected in (
-        ("rig_slip", "cannot be tuned with"),
-        ("circle_8m_kinematic", "cannot be tuned with"),
-        ("ramp", "cannot be tuned with"),
+        ("rig_slip", "cannot be used for tuning"),
+        ("circle_8m_kinematic", "cannot be used for tuning"),
+        ("ramp", "cannot be used for tuning"),
     ):
         with pytest.raises(InputError, match=expected):
             read_tuned_scenarios((text,), None)

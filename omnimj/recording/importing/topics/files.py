@@ -199,7 +199,8 @@ def _expanded(path: Path, body: memoryview) -> bytes | memoryview:
 
 
 def expand(path: Path, packed: memoryview, compression: str, size: int) -> bytes | memoryview:
-    """Expand compressed bytes to at most one byte more than `size`, so that no bomb goes off.
+    """Expand compressed bytes to at most one byte more than `size`, so that a decompression bomb
+    cannot exhaust the memory.
 
     Raises:
       InputError: The compression is unknown, or its library is missing.

@@ -51,7 +51,7 @@ _NO_SIGNALS = (
     "rcl_interfaces/Log",
 )
 _BASES = ("omnimj_msgs/Trace", JOINT_STATES)
-"""Types that make the time base where there are any."""
+"""Message types that are preferred as time base."""
 _ORDER = (*_BASES, "sensor_msgs/Imu", "geometry_msgs/PoseStamped", "nav_msgs/Odometry")
 _LONGEST_DEFINITION = 2**17
 _NANO = 1e-9
