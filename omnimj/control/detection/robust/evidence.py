@@ -1,4 +1,8 @@
-"""Memory of the force channel and the slip channel, and its update by one block."""
+"""Memory of the force channel and the slip channel, and its update by one block.
+
+In the kernels `robot` is `RobotConstants`, `parameters` `RobustParameters`, `block` `Block`, `accommodation`
+`Accommodation`, and `evidence` `Evidence`, changed in place.
+"""
 
 from __future__ import annotations
 
@@ -199,8 +203,6 @@ def compare_yaw_rates(x, parameters, block, yaw):
 
     Args:
       x: `Evidence.yaw`, changed in place.
-      parameters: `RobustParameters`.
-      block: `Block`.
       yaw: Heading at the block's end [rad].
     """
     period = block.duration
@@ -382,11 +384,9 @@ def roll_velocities(robot, wheel_speed, yaw_rate, included, evidence):
     """Set the body velocity of each filter to that of the wheels that roll, but its own, in place.
 
     Args:
-      robot: `RobotConstants`.
       wheel_speed: φ̇, shape (n,) [rad/s].
       yaw_rate: [rad/s].
       included: Mask of the wheels that are taken to roll, shape (n,).
-      evidence: `Evidence`, changed in place.
     """
     n, u, weights = included.size, robot.forces, np.empty(included.size)
     for q in range(n + 1):
@@ -427,11 +427,9 @@ def restart_evidence(robot, block, gap, included, evidence):
     Velocity, monitors and the comparison of yaw rates start anew, after a long gap the history of blocks too.
 
     Args:
-      robot: `RobotConstants`.
       block: First `Block` after the gap.
       gap: [s].
       included: Mask of the wheels that are taken to roll, shape (n,).
-      evidence: `Evidence`, changed in place.
     """
     roll_velocities(robot, block.wheel_speed, block.yaw_rate, included, evidence)
     restart_monitors(evidence.monitors)
@@ -447,10 +445,6 @@ def update_evidence(parameters, block, accommodation, evidence, yaw):
     """Update both channels and the comparison of yaw rates by one block, in place.
 
     Args:
-      parameters: `RobustParameters`.
-      block: `Block`.
-      accommodation: `Accommodation`.
-      evidence: `Evidence`, changed in place.
       yaw: Heading at the block's end [rad].
 
     Returns:
