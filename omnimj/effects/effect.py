@@ -141,7 +141,7 @@ class Selector:
 
 
 FLOOR = Selector("floor", (), True)
-"""Floor that an effect of the floor is about; without it, the effect acts on every floor."""
+"""Floor on which an effect acts; every floor if none is named."""
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ class PartChanges:
         self.limits: dict[str, float] = {}
         """Actuator → largest force [N or N.m]."""
         self.terms: dict[Part, float] = {}
-        """Terms that MJCF has no word for."""
+        """Terms that MJCF cannot express."""
         self.payloads: list[Payload] = []
         self.tilt: dict[str, float] = {}
         """World axis, `x` or `y` → angle by which gravity is turned about it [rad]."""

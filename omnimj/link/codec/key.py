@@ -122,7 +122,7 @@ def read_key(path: str | Path) -> Key:
         with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise InputError(path, "no regular file", "a key file is needed")
+                raise InputError(path, "is not a regular file", "a key file is needed")
             mode = stat.S_IMODE(status.st_mode)
             if os.name == "posix" and mode not in _PRIVATE:
                 raise InputError(path, f"mode {mode:04o}", "a key file must have mode 0600 (chmod 600)")
@@ -130,7 +130,7 @@ def read_key(path: str | Path) -> Key:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "a key file is needed") from None
     if len(digits) != 2 * KEY_SIZE or digits.strip(b"0123456789abcdefABCDEF"):
-        raise InputError(path, "no key", f"{2 * KEY_SIZE} hexadecimal digits are needed")
+        raise InputError(path, "contains no key", f"{2 * KEY_SIZE} hexadecimal digits are needed")
     secret = bytes.fromhex(digits.decode("ascii"))
     if is_weak(secret):
         raise InputError(path, "too regular to be random", f"{KEY_SIZE} random bytes are needed")

@@ -1,4 +1,4 @@
-"""New files of a machine: its MJCF with changed values, and the TOML file with what MJCF cannot say.
+"""New files of a machine: its MJCF with changed values, and the TOML file with what MJCF cannot express.
 
 The text of the MJCF file is kept but for the attributes that change; one assembled from several files is
 written as a whole by MuJoCo, with six digits.
@@ -44,7 +44,7 @@ SAID = (
     "payload",
     "grade",
 )
-"""Effects that MJCF can say; they become values of the MJCF file."""
+"""Effects that MJCF can express; they become values of the MJCF file."""
 _ACTUATORS = ("general", "motor", "position", "velocity", "damper", "dcmotor")
 _COMMON = {
     *("name", "class", "group", "joint", "jointinparent", "gear", "ctrllimited", "ctrlrange"),
@@ -216,10 +216,11 @@ def facts_text(
     Args:
       machine: The machine.
       values: New values of all quantities.
-      effects: Effects that MJCF cannot say.
+      effects: Effects that MJCF cannot express.
     """
     document = tomlkit.document()
-    document.add(tomlkit.comment("Half widths of what is uncertain, and the effects that MJCF cannot say."))
+    words = "Half widths of what is uncertain, and the effects that MJCF cannot express."
+    document.add(tomlkit.comment(words))
     for one in machine.uncertain:
         kind, name, key = one.part
         entry = tomlkit.inline_table()
