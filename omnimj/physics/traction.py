@@ -18,7 +18,6 @@ import math
 from omnimj.parameters.floor import CREEP_RATIO, LUGRE, TRACTION_SIZE, TractionParameters
 from omnimj.physics.native import first_numbers, kernel
 
-_SMALL = 1e-12
 _REST = 1e-3  # [m/s] ε: below it a contact counts as one that rolls in no direction yet
 
 
@@ -187,12 +186,3 @@ def load_factor(floor, normal_force):
     if normal_force <= 0.0:  # a negative exponent
         return 0.0
     return (normal_force / floor.reference_load) ** (floor.load_exponent - 1.0)
-
-
-@kernel
-def steady_ratio(floor, slip, rolling_speed):
-    """F/F_N with a settled bristle: g sign(V_r) + σ2 V_r, or the curve of the slip ratio V_r/V_roll [1]."""
-    rate = relaxation_rate(floor, slip, rolling_speed)
-    if rate < _SMALL:
-        return 0.0
-    return force_ratio(floor, slip / rate, slip, rate)
