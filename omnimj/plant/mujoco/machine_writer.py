@@ -19,6 +19,7 @@ import tomlkit
 
 from omnimj.effects import MJCF, Interval, find_effect
 from omnimj.effects.mjcf import NO_LIMIT
+from omnimj.effects.model_writer import effect_entry
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part, PartChanges
 from omnimj.errors import InputError
 from omnimj.plant.mujoco.machine import Machine, apply_part_effects
@@ -246,14 +247,7 @@ def _effect_table(machine: Machine, name: str, given: Mapping[str, Any]) -> Any:
         table[selector.name] = given[selector.name]
     for parameter in effect.parameters:
         value = given[parameter.name]
-        entry = tomlkit.inline_table()
         number = value.value if isinstance(value, Interval) else value
         unit = machine.unit(effect, parameter.unit, given)
-        entry.update({"value": float(number), "unit": unit, "source": "identified"})
-        if isinstance(value, Interval):
-            for bound in ("low", "high"):
-                limit = getattr(value, bound)
-                if limit is not None and math.isfinite(limit):
-                    entry[bound] = float(limit)
-        table[parameter.name] = entry
+        table[parameter.name] = effect_entry(float(number), unit, value)
     return table
