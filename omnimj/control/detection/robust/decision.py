@@ -24,21 +24,6 @@ from omnimj.control.detection.robust.wheel_monitors import LOADED
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
-TESTS = (
-    "loss",
-    "friction",
-    "learnt loss",
-    "accelerometer",
-    "slip",
-    "current",
-    "standing",
-    "readings",
-    "yaw rates",
-    "wheel speed",
-)
-"""Tests that decide: jumps of a motor's torque constant, of a friction and of an accelerometer's bias, a
-learnt loss, a slipped way; a current that is not followed, a wheel that stands, readings that are frozen or
-noisy, yaw rates that differ, a speed that no slip explains."""
 _AFTERMATH = 2.0  # [s] in which the estimated velocity recovers from a slip
 EFFECTIVENESS_STEP = 0.02
 """Smallest change of an effectiveness that updates its diagnosis."""
