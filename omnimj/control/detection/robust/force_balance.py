@@ -87,22 +87,32 @@ def shaft_force(robot, block, theta, losses, i):
 
 
 @kernel
-def rolling_velocity(robot, wheel_speed, yaw_rate):
-    """Velocity of a body whose wheels roll, by least squares with the gyro's yaw rate [m/s].
+def moments(forces, included, left_out):
+    """Sums of u_x², u_x u_y and u_y² over the included wheels but one; −1: but none."""
+    xx = xy = yy = 0.0
+    for i in range(included.size):
+        if i != left_out and included[i]:
+            u_x, u_y = forces[0, i], forces[1, i]
+            xx, xy, yy = xx + u_x * u_x, xy + u_x * u_y, yy + u_y * u_y
+    return xx, xy, yy
+
+
+@kernel
+def rolling_velocity(robot, wheel_speed, yaw_rate, included, left_out):
+    """Velocity v_x, v_y of a body whose wheels roll, by least squares with the gyro's yaw rate [m/s].
 
     Args:
       wheel_speed: Shape (n,) [rad/s].
       yaw_rate: [rad/s].
-
-    Returns:
-      v_x and v_y [m/s].
+      included: Mask of the wheels, shape (n,).
+      left_out: One of them that is left out; −1: none.
     """
-    xx = xy = yy = bx = by = 0.0
-    for i in range(wheel_speed.size):
-        u_x, u_y = robot.forces[0, i], robot.forces[1, i]
-        along = robot.radius[i] * wheel_speed[i] - robot.forces[2, i] * yaw_rate
-        xx, xy, yy = xx + u_x * u_x, xy + u_x * u_y, yy + u_y * u_y
-        bx, by = bx + u_x * along, by + u_y * along
+    xx, xy, yy = moments(robot.forces, included, left_out)
+    bx = by = 0.0
+    for i in range(included.size):
+        if i != left_out and included[i]:
+            along = robot.radius[i] * wheel_speed[i] - robot.forces[2, i] * yaw_rate
+            bx, by = bx + robot.forces[0, i] * along, by + robot.forces[1, i] * along
     det = xx * yy - xy * xy
     return (yy * bx - xy * by) / det, (xx * by - xy * bx) / det
 
@@ -118,7 +128,8 @@ def roller_speeds(robot, block, velocity, sideways):
     """
     v_x, v_y = velocity[0], velocity[1]
     if not robot.floor.stated:
-        v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate)
+        everyone = np.ones(sideways.size, np.bool_)
+        v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate, everyone, -1)
     for i in range(sideways.size):
         across = robot.across[i]
         sideways[i] = across[0] * v_x + across[1] * v_y + across[2] * block.yaw_rate

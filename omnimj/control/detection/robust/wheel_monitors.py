@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.control.detection.robust.force_balance import roller_speeds
+from omnimj.control.detection.robust.force_balance import moments, roller_speeds
 from omnimj.control.detection.robust.slip import (
     SOFT_FLOOR,
     STIFF_FLOOR,
@@ -329,27 +329,13 @@ def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
 
 
 @kernel
-def _moments_of_others(forces, included, i):
-    """Sums of u_x², u_x u_y and u_y² over the included wheels but i."""
-    xx = xy = yy = 0.0
-    for j in range(included.size):
-        if j != i and included[j]:
-            xx, xy, yy = (
-                xx + forces[0, j] * forces[0, j],
-                xy + forces[0, j] * forces[1, j],
-                yy + forces[1, j] * forces[1, j],
-            )
-    return xx, xy, yy
-
-
-@kernel
 def _is_dead_reckoning(robot, included, i):
     """True if the other included wheels say little about the velocity along wheel i.
 
     Little is a variance dᵀ(Σ d_j d_jᵀ)⁻¹d beyond `_SPREADS` times that of one wheel that drives along d.
     """
     forces = robot.forces
-    xx, xy, yy = _moments_of_others(forces, included, i)
+    xx, xy, yy = moments(forces, included, i)
     if xx + yy == 0.0:
         return True
     x, y = forces[0, i], forces[1, i]
@@ -368,7 +354,7 @@ def _creep_doubt(robot, included, creep, i):
       creep: Expected creep and its uncertainty, shape (n, 2) [m/s].
     """
     forces, total = robot.forces, 0.0
-    xx, xy, yy = _moments_of_others(forces, included, i)
+    xx, xy, yy = moments(forces, included, i)
     det = xx * yy - xy * xy
     if det <= 1e-6:
         return 0.0
