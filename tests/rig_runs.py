@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from rig_reference import integrate
+from sampled_sensors import sample
 
 from omnimj.parameters import Floor, Rig
 from omnimj.plant.mujoco.twin import RigTwin
@@ -46,7 +47,7 @@ def reference_run(rig: Rig, floor: Floor, current: float, seed: int = 0, duratio
     sensors = RigSensors(rig.sensors, rig.motor, 1e-3, seed)
     felt = np.gradient(speed, time)
     rows = [
-        sensors.measure(t, current, w, v, a, 0.0) for t, w, v, a in zip(time, wheel, speed, felt, strict=True)
+        sample(sensors, t, current, w, v, a, 0.0) for t, w, v, a in zip(time, wheel, speed, felt, strict=True)
     ]
     columns = {column: np.array([getattr(row, column) for row in rows]) for column in COLUMNS}
     return Run(f"{floor.name}_{round(100 * current):03d}", columns, {}, {"floor": floor.name, "mass": mass})

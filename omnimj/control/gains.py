@@ -38,8 +38,8 @@ class RecoveryGains:
     """Largest speed of the position correction."""
     slip_cap: float = positive("m/s", 5.0, default=0.2)
     """Largest slip velocity of a slipping wheel. Its wheel speed fits those of the others and does not run
-    away; a tighter bound takes traction from every floor that gives more the more a wheel slips: with 0.05
-    the heading strays a fifth further than with 0.2, and the place 6 % instead of 0."""
+    away. A tighter bound gives away traction on floors whose force rises with slip: with 0.05 the heading
+    error is a fifth larger than with 0.2, and the path error 6 % larger."""
     grip_share: float = positive("1", 1.0, default=0.5)
     """Share of the grip that the plan may use on a floor that gives way under all wheels; the rest holds the
     robot on its path."""

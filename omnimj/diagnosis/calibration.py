@@ -19,9 +19,8 @@ from scipy.special import exp1, gammaincinv, stdtrit
 from omnimj.control.detection.robust.blocks import BLOCK, samples_per_block
 from omnimj.control.detection.robust.detector import BLIND, RobustState
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
-from omnimj.diagnosis.detectable_loss import LossInformation
 from omnimj.diagnosis.model_misfit import ModelMisfit, Place, misfit, raised_thresholds
-from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, RunDiagnosis, replay, sample_run
+from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, replay_all
 from omnimj.display import Displayed
 from omnimj.errors import InputError
 from omnimj.signals import Array
@@ -207,7 +206,7 @@ def calibrate(config: DiagnosisConfig, rate: float, progress: DatasetProgress | 
     )
     checked = dataclasses.replace(config, thresholds=bare.thresholds)
     remaining = [
-        (one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses
+        (one.name, len(one.diagnoses)) for one in replay_all(checked, progress, "checking") if one.diagnoses
     ]
     return dataclasses.replace(bare, remaining=tuple(remaining))
 
@@ -229,11 +228,7 @@ def _misfit(
     raised = raised_thresholds(config, values, largest, places)
     if not raised:
         return None
-
-    def passes(quiet: DiagnosisConfig, watch: LossInformation) -> None:
-        _passes(quiet, progress, "weighing", watch)
-
-    return misfit(config, DISABLED, Thresholds()._replace(**values), raised, passes)
+    return misfit(config, DISABLED, Thresholds()._replace(**values), raised, progress)
 
 
 def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
@@ -302,7 +297,7 @@ def _maxima(config: DiagnosisConfig, progress: DatasetProgress | None) -> Stretc
       InputError: A sensor is frozen while the robot drives.
     """
     seen = StretchMaxima(config.machine.period)
-    for one in _passes(dataclasses.replace(config, thresholds=DISABLED), progress, "measuring", seen):
+    for one in replay_all(dataclasses.replace(config, thresholds=DISABLED), progress, "measuring", seen):
         for d in one.diagnoses:
             place = f"{config.dataset.path}: run {one.name!r}"
             what = f"{d.kind} {d.channel or ', '.join(map(str, d.wheels))}".strip()
@@ -313,24 +308,3 @@ def _maxima(config: DiagnosisConfig, progress: DatasetProgress | None) -> Stretc
 
 def _wheels(config: DiagnosisConfig) -> int:
     return len(config.machine.targets)
-
-
-def _passes(
-    config: DiagnosisConfig,
-    progress: DatasetProgress | None,
-    phase: str,
-    watch: StretchMaxima | LossInformation | None = None,
-) -> Sequence[RunDiagnosis]:
-    """Replay every run."""
-    runs, found, before = config.dataset.runs, [], 0
-    total = sum(len(run.time) for run in runs)
-    for run in runs:
-        if progress is not None:
-            progress(before, total, f"{phase} {run.name}")
-        samples = sample_run(run, config.machine)
-        if watch is not None:
-            watch.next_run()
-        one = replay(run, samples, config.machine, config.detector_for(run), watch=watch)
-        found.append(dataclasses.replace(one, trace=dataclasses.replace(one.trace, columns={})))
-        before += len(run.time)
-    return found

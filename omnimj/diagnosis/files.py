@@ -163,10 +163,9 @@ def _describe_raised(one: RaisedThreshold) -> str:
 
 def _describe_detectable(misfit: ModelMisfit) -> list[str]:
     """Describe the loss of a motor that is still detected, by expectation and by injection."""
-    before = _detected(misfit.shipped_motor)
-    sentences = [
-        f"a sudden motor loss is expected to be detected {_detected(misfit.motor)}; shipped: {before}"
-    ]
+    expected = "is expected to be detected" if misfit.motor.loss else "is not expected to be detected,"
+    now, before = _detected(misfit.motor), _detected(misfit.shipped_motor)
+    sentences = [f"a sudden motor loss {expected} {now}; shipped: {before}"]
     for one in misfit.injected:
         delay = "" if one.delay is None else f", median delay {one.delay:.2g} s"
         sentences.append(
@@ -178,7 +177,7 @@ def _describe_detectable(misfit: ModelMisfit) -> list[str]:
 
 def _detected(loss: DetectableLoss) -> str:
     if loss.loss is None:
-        return f"at no size up to {100.0 * LOSSES[-1]:.0f} % of the torque"
+        return f"not even one of {100.0 * LOSSES[-1]:.0f} % of the torque"
     share = f"after {100.0 * loss.share:.0f} % of all onsets"
     return f"from {100.0 * loss.loss:.0f} % on ({share}, median delay {loss.delay:.2g} s)"
 

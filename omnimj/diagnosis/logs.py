@@ -73,7 +73,7 @@ def read_machine(dataset: Dataset, model: Path | str | None = None) -> Machine:
     if len(robot.wheels) != n:
         found = f"has {len(robot.wheels)} [[wheels]]"
         raise InputError(
-            robot.file, found, f"the logs of {dataset.path} have {n}: give --model, e.g. three_wheel"
+            robot.file, found, f"the logs of {dataset.path} have {n} wheels; pass --model, e.g. three_wheel"
         )
     targets = tuple(f"current_target_{i}" for i in range(1, n + 1))
     return Machine(robot, tuple(METHODS), robot_channels(n), targets, ("yaw",), _robot_measurement)

@@ -8,7 +8,7 @@ motor is still detected.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from omnimj.diagnosis.detectable_loss import (
     with_loss,
 )
 from omnimj.diagnosis.driving_regimes import DrivenRegimes, Regime, driven_regimes, regime_of
-from omnimj.diagnosis.replay import DiagnosisConfig, replay, sample_run
+from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, replay, replay_all, sample_run
 from omnimj.parameters import Robot
 
 MOST_RISE = 1.5
@@ -64,10 +64,6 @@ class ModelMisfit:
     injected: tuple[InjectedLoss, ...]
     """`motor.loss` and, until one is found after half of the onsets, larger ones, injected into the
     recordings."""
-
-
-Passes = Callable[[DiagnosisConfig, LossInformation], object]
-"""Replays every run of a configuration and shows the detector's states."""
 
 
 def raised_thresholds(
@@ -114,7 +110,7 @@ def misfit(
     disabled: Thresholds,
     thresholds: Thresholds,
     raised: tuple[RaisedThreshold, ...],
-    passes: Passes,
+    progress: DatasetProgress | None,
 ) -> ModelMisfit:
     """Cost of raised thresholds: the loss of a motor that stays detectable, expected and injected.
 
@@ -123,13 +119,13 @@ def misfit(
       disabled: Thresholds with which the detector makes no decision.
       thresholds: Calibrated thresholds.
       raised: From `raised_thresholds`.
-      passes: Replays every run.
+      progress: Progress callback.
     """
     quiet = dataclasses.replace(config, thresholds=disabled)
     detector = quiet.detector_for(config.dataset.runs[0])
     assert isinstance(detector, RobustDetector)
     information = LossInformation(detector.wheels, detector.constants.model)
-    passes(quiet, information)
+    replay_all(quiet, progress, "weighing", information)
     motor = information.detectable(thresholds.motor)
     decided = dataclasses.replace(config, thresholds=thresholds)
     injected: list[InjectedLoss] = []

@@ -336,6 +336,31 @@ def diagnose(config: DiagnosisConfig, progress: DatasetProgress | None = None) -
         before += len(run.time)
 
 
+def replay_all(
+    config: DiagnosisConfig, progress: DatasetProgress | None, phase: str, watch: Any = None
+) -> list[RunDiagnosis]:
+    """Replay every run of a dataset, and keep its diagnoses alone.
+
+    Args:
+      config: Settings, checked by `check_config`.
+      progress: Progress callback.
+      phase: What it is done for, before the name of a run in the progress.
+      watch: `Watch` with a method `next_run`, called before each run.
+    """
+    found, before = [], 0
+    total = sum(len(run.time) for run in config.dataset.runs)
+    for run in config.dataset.runs:
+        if progress is not None:
+            progress(before, total, f"{phase} {run.name}")
+        samples = sample_run(run, config.machine)
+        if watch is not None:
+            watch.next_run()
+        one = replay(run, samples, config.machine, config.detector_for(run), watch=watch)
+        found.append(dataclasses.replace(one, trace=dataclasses.replace(one.trace, columns={})))
+        before += len(run.time)
+    return found
+
+
 def require_other_folder(dataset: Dataset, out: Path) -> None:
     """Check that results are not written into the folder of a dataset.
 

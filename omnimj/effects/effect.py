@@ -15,7 +15,7 @@ from omnimj.parameters import Floor, Rig, Robot
 from omnimj.parameters.floor import LAWS, number_rules
 from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.reading import check_number
-from omnimj.physics.effect_terms import CURVES, TERM, mark_active, write_curve, zero_terms
+from omnimj.physics.effect_terms import TERM, mark_active, zero_terms
 from omnimj.physics.motor import MotorParameters
 from omnimj.signals import Array
 
@@ -53,29 +53,6 @@ def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
         for key in FLOOR_SCALES[name]:
             if key in numbers:
                 numbers[key] *= scale
-    return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
-
-
-def extend_floor(floor: Floor, extra: Mapping[str, float], load: float) -> Floor:
-    """The floor with amounts added to its parameters.
-
-    Args:
-      floor: The floor.
-      extra: Parameter of the floor, or `COMPLIANCE` → amount.
-      load: Normal force about which an exponent of the load turns, if the floor states none [N].
-
-    Raises:
-      InputError: The floor's law has no such parameter, or the sum breaks its rule.
-    """
-    rules, numbers = number_rules(floor.law), dict(floor.numbers)
-    for key, amount in _parts_of(floor, extra).items():
-        place = f"floor {floor.name}: {key}"
-        if key not in rules:
-            raise InputError(place, f"the law {floor.law!r} has none", "choose a floor of another law", LAWS)
-        if key == "load_exponent":
-            numbers.setdefault("reference_load", load)
-        null = 1.0 if key == "load_exponent" else 0.0
-        numbers[key] = float(check_number(place, numbers.get(key, null) + amount, rules[key]))
     return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
 
 
@@ -141,7 +118,7 @@ class Selector:
 
 
 FLOOR = Selector("floor", (), True)
-"""Floor that an effect of the floor is about; without it, the effect acts on every floor."""
+"""Floor on which an effect acts; every floor if none is named."""
 
 
 @dataclass(frozen=True)
@@ -224,8 +201,20 @@ class FloorChange:
         Raises:
           InputError: The floor's law has no such parameter, or the sum breaks its rule.
         """
-        scaled = scale_floor(floor, self.scale)
-        return extend_floor(scaled, self.extra, load) if self.extra else scaled
+        floor = scale_floor(floor, self.scale)
+        if not self.extra:
+            return floor
+        rules, numbers = number_rules(floor.law), dict(floor.numbers)
+        for key, amount in _parts_of(floor, self.extra).items():
+            place = f"floor {floor.name}: {key}"
+            if key not in rules:
+                rule = "choose a floor of another law"
+                raise InputError(place, f"the law {floor.law!r} has none", rule, LAWS)
+            if key == "load_exponent":
+                numbers.setdefault("reference_load", load)
+            null = 1.0 if key == "load_exponent" else 0.0
+            numbers[key] = float(check_number(place, numbers.get(key, null) + amount, rules[key]))
+        return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
 
 
 @dataclass(frozen=True)
@@ -307,19 +296,36 @@ def adds_to_constant(table: str, key: str, parameter: str) -> Hook:
     return hook
 
 
-class MachineChanges:
+class ChannelChanges:
+    """Collector of the changes that effects make to readings."""
+
+    def __init__(self) -> None:
+        self.channels: dict[str, ChannelEffect] = {}
+
+    def change_channel(
+        self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0
+    ) -> None:
+        """Change the readings of a channel: scale · reading + offset, delayed further by `delay` [s]."""
+        if (scale, offset, delay) == (1.0, 0.0, 0.0):
+            return
+        before = self.channels.get(channel, ChannelEffect())
+        self.channels[channel] = ChannelEffect(
+            scale * before.scale, scale * before.offset + offset, before.delay + delay
+        )
+
+
+class MachineChanges(ChannelChanges):
     """Collector of the changes that the effects of a machine make."""
 
     def __init__(self, machine: Robot | Rig):
+        super().__init__()
         n = machine.wheel_count
         self.machine: Any = machine
         self.terms: Array = zero_terms(n)
         self.torque_scale, self.radius_scale, self.misalignment = np.ones(n), np.ones(n), np.zeros(n)
         self.payload, self.slope = (0.0, 0.0, 0.0), (0.0, 0.0)
         self.floor_changes: dict[str, FloorChange] = {}
-        self.channels: dict[str, ChannelEffect] = {}
         self._added: dict[str, dict[str, float]] = {}
-        self._curves = 0
 
     def wheel_rows(self, values: Values) -> slice:
         """Rows of `terms` on which an effect acts: that of the selected wheel, or all.
@@ -367,30 +373,6 @@ class MachineChanges:
         self.terms[:, TERM[name]] = value
         for key, number in shape.items():
             self.terms[:, TERM[key]] = number
-
-    def add_curve(self, over: str, values: Sequence[float], low: float, high: float) -> None:
-        """Add a tabulated force, as `effect_terms.write_curve`.
-
-        Raises:
-          InputError: There are more tabulated forces than the kernels can hold.
-        """
-        if not any(values):
-            return
-        if self._curves == CURVES:
-            raise InputError("effects", "found too many tabulated forces", f"{CURVES} are possible")
-        write_curve(self.terms, self._curves, over, values, low, high)
-        self._curves += 1
-
-    def change_channel(
-        self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0
-    ) -> None:
-        """Change the readings of a channel: scale · reading + offset, delayed further by `delay` [s]."""
-        if (scale, offset, delay) == (1.0, 0.0, 0.0):
-            return
-        before = self.channels.get(channel, ChannelEffect())
-        self.channels[channel] = ChannelEffect(
-            scale * before.scale, scale * before.offset + offset, before.delay + delay
-        )
 
     def finish(self) -> AppliedEffects:
         """Combine all changes."""

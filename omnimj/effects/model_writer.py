@@ -149,13 +149,14 @@ def _effect_table(name: str, effect: Effect, values: Mapping[str, Any], file: Pa
         if selector.name in full:
             table[selector.name] = full[selector.name]
     for parameter in effect.parameters:
-        table[parameter.name] = _effect_entry(
+        table[parameter.name] = effect_entry(
             float(full[parameter.name]), parameter.unit, values.get(parameter.name)
         )
     return table
 
 
-def _effect_entry(value: float, unit: str, given: object) -> InlineTable:
+def effect_entry(value: float, unit: str, given: object) -> InlineTable:
+    """Entry of a parameter of an identified effect, with its interval where `given` has one."""
     entry = tomlkit.inline_table()
     entry.update({"value": value, "unit": unit, "source": "identified"})
     if isinstance(given, Interval):

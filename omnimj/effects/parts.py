@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from omnimj.effects.effect import ChannelEffect, EffectParameter, Hook, Selector, Values
+from omnimj.effects.effect import ChannelChanges, EffectParameter, Hook, Selector, Values
 from omnimj.errors import InputError
 
 JOINT, ACTUATOR, BODY, CHANNEL = "joint", "actuator", "body", "channel"
@@ -51,10 +51,11 @@ Part = tuple[str, str, str]
 """Kind of part, its name, and a quantity of it."""
 
 
-class PartChanges:
+class PartChanges(ChannelChanges):
     """Collector of the changes that the effects of an MJCF machine make."""
 
     def __init__(self, values: Mapping[Part, float]) -> None:
+        super().__init__()
         self.values = values
         """Values of the machine's quantities before any change."""
         self.added: dict[Part, float] = {}
@@ -64,11 +65,10 @@ class PartChanges:
         self.limits: dict[str, float] = {}
         """Actuator → largest force [N or N.m]."""
         self.terms: dict[Part, float] = {}
-        """Terms that MJCF has no word for."""
+        """Terms that MJCF cannot express."""
         self.payloads: list[Payload] = []
         self.tilt: dict[str, float] = {}
         """World axis, `x` or `y` → angle by which gravity is turned about it [rad]."""
-        self.channels: dict[str, ChannelEffect] = {}
 
     def add(self, kind: str, part: str, quantity: str, amount: float) -> None:
         """Add to a quantity of a part."""
@@ -97,15 +97,6 @@ class PartChanges:
             raise InputError(f"{kind} {part!r}", "found this effect twice", "it can act once on a part")
         for term, value in terms.items():
             self.terms[kind, part, term] = value
-
-    def change_channel(
-        self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0
-    ) -> None:
-        """Change the readings of a channel: scale · reading + offset, delayed further by `delay` [s]."""
-        before = self.channels.get(channel, ChannelEffect())
-        self.channels[channel] = ChannelEffect(
-            scale * before.scale, scale * before.offset + offset, before.delay + delay
-        )
 
 
 def adds(kind: str, quantity: str, parameter: str) -> Hook:

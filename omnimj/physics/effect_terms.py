@@ -84,17 +84,14 @@ class EffectTerms(NamedTuple):
     """[m]"""
     patch_end: float
     """[m]"""
-    curves: NDArray[np.float64]
-    """`CURVES` tabulated forces, each its variable's code, first knot, knots per unit and the values [N]."""
+    curve: NDArray[np.float64]
+    """Tabulated force: its variable's code, first knot, knots per unit and the values [N]."""
 
 
 KNOTS = 8
-"""Knots of a tabulated force."""
-CURVES = 2
-"""Tabulated forces that a wheel may have."""
+"""Knots of the tabulated force."""
 _SCALARS = len(EffectTerms._fields) - 1
-_CURVE_SIZE = 3 + KNOTS
-TERMS = _SCALARS + CURVES * _CURVE_SIZE
+TERMS = _SCALARS + 3 + KNOTS
 """Length of a packed row."""
 TERM = MappingProxyType({name: k for k, name in enumerate(EffectTerms._fields[:-1])})
 """Place of each scalar in a packed row by name."""
@@ -102,14 +99,14 @@ ACTIVE = TERM["active"]
 """Place of the mark that spares kernels a look at the rest."""
 
 CURVE_VARIABLES = ("speed", "position", "time", "lateral_speed", "wheel_angle")
-"""Variables of a tabulated force: m/s, m, s, m/s, rad (one turn, closed)."""
+"""Variables of the tabulated force: m/s, m, s, m/s, rad (one turn, closed)."""
 _SPEED, _POSITION, _TIME, _LATERAL, _ANGLE = range(1, 6)  # their codes; 0: no curve
 
 _SHAPES = ("active", "stribeck_speed", "sticky_place", "sticky_width", "ripple_order", "repeating_order",
            "repeating_wave", "cogging_order", "rotor_inertia", "patch_start", "patch_end")  # fmt: skip
 _AMPLITUDES = (
     *(place for name, place in TERM.items() if name not in _SHAPES),
-    *(_SCALARS + k * _CURVE_SIZE for k in range(CURVES)),
+    _SCALARS,
 )
 
 PATCH_EDGE = 0.01
@@ -127,21 +124,18 @@ def zero_terms(wheels: int = 1) -> NDArray[np.float64]:
     return np.zeros((wheels, TERMS))
 
 
-def write_curve(
-    terms: NDArray[np.float64], slot: int, over: str, values: ArrayLike, low: float, high: float
-) -> None:
-    """Write a tabulated force into a packed row (or rows), in place.
+def write_curve(terms: NDArray[np.float64], over: str, values: ArrayLike, low: float, high: float) -> None:
+    """Write the tabulated force into a packed row (or rows), in place.
 
     Args:
       terms: Shape (TERMS,) or (n, TERMS).
-      slot: Which of the `CURVES` places.
       over: One of `CURVE_VARIABLES`.
       values: Force at `KNOTS` knots from `low` to `high`, straight lines between, constant beyond [N]; over
         the wheel angle the knots divide one turn and the last is joined to the first (`low`, `high` unused).
       low: First knot, in the unit of the variable.
       high: Last knot.
     """
-    first = _SCALARS + slot * _CURVE_SIZE
+    first = _SCALARS
     if over == "wheel_angle":
         low, high = 0.0, _TURN * (KNOTS - 1) / KNOTS
     terms[..., first] = CURVE_VARIABLES.index(over) + 1
@@ -170,7 +164,7 @@ def terms_of_wheel(rows, i):
 
 @kernel
 def _curve(curve, x):
-    """Value of one tabulated force at x [N]."""
+    """Value of the tabulated force at x [N]."""
     if curve[0] == _ANGLE:
         place = (x / _TURN - math.floor(x / _TURN)) * KNOTS
         knot = min(int(place), KNOTS - 1)
@@ -185,7 +179,7 @@ def _curve(curve, x):
 
 @kernel
 def curve_force(terms, speed, position, time, lateral_speed, angle):
-    """Sum of the tabulated forces [N].
+    """Tabulated force [N].
 
     Args:
       terms: `EffectTerms`.
@@ -195,21 +189,16 @@ def curve_force(terms, speed, position, time, lateral_speed, angle):
       lateral_speed: Lateral speed [m/s].
       angle: Wheel angle [rad].
     """
-    force = 0.0
-    for k in range(CURVES):
-        curve = terms.curves[k * _CURVE_SIZE : (k + 1) * _CURVE_SIZE]
-        over = curve[0]
-        if over == _SPEED:
-            force += _curve(curve, speed)
-        elif over == _POSITION:
-            force += _curve(curve, position)
-        elif over == _TIME:
-            force += _curve(curve, time)
-        elif over == _LATERAL:
-            force += _curve(curve, lateral_speed)
-        elif over == _ANGLE:
-            force += _curve(curve, angle)
-    return force
+    curve, over = terms.curve, terms.curve[0]
+    if over == _SPEED:
+        return _curve(curve, speed)
+    if over == _POSITION:
+        return _curve(curve, position)
+    if over == _TIME:
+        return _curve(curve, time)
+    if over == _LATERAL:
+        return _curve(curve, lateral_speed)
+    return _curve(curve, angle) if over == _ANGLE else 0.0
 
 
 @kernel

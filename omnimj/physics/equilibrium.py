@@ -14,7 +14,7 @@ import numpy as np
 from omnimj.parameters.floor import LUGRE
 from omnimj.physics.motor import motor_torque_bounds
 from omnimj.physics.native import kernel
-from omnimj.physics.planar import body_at, driven_wheel
+from omnimj.physics.planar import body_at, body_force, driven_wheel
 from omnimj.physics.planar_wheel import contact_force, contact_velocity, wheel_velocity
 from omnimj.physics.traction import (
     force_ratio,
@@ -87,18 +87,16 @@ def _resultant(model, wheel_speed, twist, extra, smoothing, total, forces):
     for i in range(wheel_speed.size):
         driven = driven_wheel(model, i)
         steady_force(driven, wheel_speed[i], twist, smoothing, forces)
-        wheel = driven.wheel
         ahead, aside = forces[0], forces[1]
         if extra.size > 3:
             place = forces[2] if extra[0] == 0.0 else forces[3]
             force = _tabulated(extra, place)
             ahead += force if extra[0] == 0.0 else 0.0
             aside -= force if extra[0] != 0.0 else 0.0
-        x = ahead * wheel.drive_x + aside * wheel.drive_y
-        y = ahead * wheel.drive_y - aside * wheel.drive_x
+        x, y, z = body_force(driven.wheel, body, ahead, aside)
         total[0] += x
         total[1] += y
-        total[2] += (wheel.position_x - body.com_x) * y - (wheel.position_y - body.com_y) * x
+        total[2] += z
 
 
 @kernel

@@ -15,18 +15,16 @@ import math
 
 import numpy as np
 
-from omnimj.physics.equilibrium import SMOOTHING, steady_force
+from omnimj.physics.equilibrium import steady_force
 from omnimj.physics.native import kernel
-from omnimj.physics.planar import body_at, driven_wheel
+from omnimj.physics.planar import body_at, body_force, driven_wheel
 from omnimj.physics.planar_wheel import wheel_velocity
 
-_BLUNTER = (256.0, 64.0, 16.0, 4.0, 1.0)
 _STEP = 1e-6  # [m/s] for derivatives
 _LONGEST = 0.05  # [m/s] of a wheel's rim in one step
-_ROUNDS, _HALVINGS = 80, 8
+_HALVINGS = 8
 _CLOSE, _NEAR, _SMALL = 1e-8, 1e-5, 1e-3  # [m/s] of a step, [m/s] of one that is left, [N] of the rest
 _SINGULAR = 1e-11  # share of the largest slope, squared, that keeps J Jᵀ invertible
-_FASTEST = 20.0  # [m/s] of a rim: a wheel that would turn faster slides without end
 
 
 @kernel
@@ -46,9 +44,8 @@ def _share(driven, body, rim, twist, smoothing, arm, forces):
     """Force of one wheel on the body, and its moment about the centre of mass over a length [N, N, N]."""
     wheel = driven.wheel
     steady_force(driven, rim / wheel.wheel.radius, twist, smoothing, forces)
-    x = forces[0] * wheel.drive_x + forces[1] * wheel.drive_y
-    y = forces[0] * wheel.drive_y - forces[1] * wheel.drive_x
-    return x, y, ((wheel.position_x - body.com_x) * y - (wheel.position_y - body.com_y) * x) / arm
+    x, y, z = body_force(wheel, body, forces[0], forces[1])
+    return x, y, z / arm
 
 
 @kernel
@@ -161,32 +158,3 @@ def approach_rims(model, twist, smoothing, rounds, rims):
             break
         rims[:] = trial
     return size < _SMALL and length < _NEAR, left
-
-
-@kernel
-def steady_wheel_speeds(model, twist, wheel_speed):
-    """Wheel speeds at which a body twist is steady, by friction that becomes sharper step by step.
-
-    Args:
-      model: `PlanarModel`; effect terms are left out.
-      twist: Wanted v_x, v_y, yaw rate in the body frame, shape (3,).
-      wheel_speed: Filled with φ̇ of each wheel, shape (n,) [rad/s]; with rolling speeds where there is no
-        solution.
-
-    Returns:
-      Whether there is a solution: False where traction cannot balance the drag at this twist.
-    """
-    n, found = wheel_speed.size, False
-    rims, radii = np.empty(n), np.empty(n)
-    for i in range(n):
-        wheel = driven_wheel(model, i).wheel
-        rims[i], radii[i] = rolling_rim(wheel, twist), wheel.wheel.radius
-    rolling = rims.copy()
-    for blunter in _BLUNTER:
-        found, _ = approach_rims(model, twist, blunter * SMOOTHING, _ROUNDS, rims)
-    if not found or np.abs(rims).max() > _FASTEST:
-        found = False
-        rims[:] = rolling
-    for i in range(n):
-        wheel_speed[i] = rims[i] / radii[i]
-    return found

@@ -1,4 +1,4 @@
-"""Kinematics of n omni wheels: the law of rigid rolling and the published matrix.
+"""Kinematics of n omni wheels: the law of rigid rolling and its weighted inverse.
 
 A (n×3) maps the body twist (v_x, v_y, yaw rate) to rolling speeds: V = A·twist, Eqs. 3.50-3.53.
 """
@@ -36,16 +36,6 @@ def turned(vectors: Array, angle: Array | float) -> Array:
     return np.column_stack([cos * x - sin * y, sin * x + cos * y])
 
 
-def published_jacobian(yaw: float, wheel_distance: float) -> Array:
-    """Published forward map J of Eq. 3.5, shape (3, 4): world twist = J V.
-
-    The true forward map is diag(½, ½, ¼)·J: as printed, the robot drives at half the linear and a quarter
-    of the commanded angular speed.
-    """
-    s, c, k = np.sin(yaw), np.cos(yaw), -1.0 / wheel_distance
-    return np.array([[s, -c, -s, c], [-c, -s, c, s], [k, k, k, k]])
-
-
 def weighted_inverse(jacobian: ArrayLike, weights: ArrayLike) -> Array:
     """Weighted inverse W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹ of Eq. 3.10: rolling speeds from a twist, shape (n, 3).
 
@@ -56,9 +46,3 @@ def weighted_inverse(jacobian: ArrayLike, weights: ArrayLike) -> Array:
     j = np.asarray(jacobian, float)
     jw = j / np.asarray(weights, float)
     return jw.T @ np.linalg.inv(jw @ j.T)
-
-
-def rotation(yaw: float) -> Array:
-    """Rotation of a twist from the body frame to the world, shape (3, 3)."""
-    s, c = np.sin(yaw), np.cos(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,7 +1,9 @@
 """Motor, amplifier and gear of one wheel, Eqs. 3.79-3.85 with their signs corrected.
 
-Kernels take a motor as `MotorParameters`. Where there are several motors, or in the memory of a compiled
-MuJoCo model, each is a packed row of the same numbers, read with `motor_at`.
+Kernels take a `motor` as `MotorParameters`. Where there are several motors, or in the memory of a compiled
+MuJoCo model, each is a packed row of the same numbers, read with `motor_at`. Their `current` is that of the
+motor before the step [A], `command` the commanded one [A], `wheel_speed` φ̇ after the gear [rad/s], h the
+step [s].
 """
 
 from __future__ import annotations
@@ -98,11 +100,6 @@ def achievable_current(motor, command, wheel_speed):
     i₁ is the current of the wheel's own motor and ω = G_r φ̇ its speed; at the full supply voltage a second
     motor in parallel draws its current on top of it. A shorted motor drives i = −K_t ω/R through itself,
     whatever its amplifier does.
-
-    Args:
-      motor: `MotorParameters`.
-      command: Commanded current [A].
-      wheel_speed: φ̇ after the gear [rad/s].
     """
     if motor.measured == 1.0:
         return command
@@ -122,15 +119,7 @@ def achievable_current(motor, command, wheel_speed):
 
 @kernel
 def next_current(motor, current, command, wheel_speed, h):
-    """Current after h seconds of a first-order current loop, exact for a constant command [A].
-
-    Args:
-      motor: `MotorParameters`.
-      current: Motor current before the step [A].
-      command: Commanded current [A].
-      wheel_speed: φ̇ after the gear [rad/s].
-      h: Step [s].
-    """
+    """Current after h seconds of a first-order current loop, exact for a constant command [A]."""
     target = achievable_current(motor, command, wheel_speed)
     return target + (current - target) * math.exp(-h / motor.current_loop)
 
@@ -140,12 +129,8 @@ def mean_current(motor, current, next_current, command, wheel_speed, h):
     """Mean current over a step of `next_current`, i∞ + (i − i⁺) τ/h [A].
 
     Args:
-      motor: `MotorParameters`.
       current: Motor current before the step, i [A].
       next_current: Motor current after the step, i⁺ [A].
-      command: Commanded current [A].
-      wheel_speed: φ̇ after the gear [rad/s].
-      h: Step [s].
     """
     target = achievable_current(motor, command, wheel_speed)
     return target + (current - next_current) * motor.current_loop / h
@@ -181,11 +166,6 @@ def drive_torque_bounds(motor, current, wheel_speed):
     friction of the brake included. At rest any torque between the two is possible (stiction). The first is
     never above the second: a gear that brakes less than it drives, E E_b > 1, has the torque of its motion
     alone where the two would cross.
-
-    Args:
-      motor: `MotorParameters`.
-      current: Motor current [A].
-      wheel_speed: φ̇ after the gear [rad/s].
     """
     electric = motor.torque_scale * motor.torque_constant * winding_current(motor, current, wheel_speed)
     electric -= motor.viscous * motor.gear_ratio * wheel_speed
@@ -222,7 +202,6 @@ def stick_or_slip(low, high, wheel_speed, inertia, other_torque, h):
       wheel_speed: Speed before the step [rad/s].
       inertia: Moment of inertia [kg.m²].
       other_torque: Sum of all other torques [N.m].
-      h: Step [s].
     """
     needed = -inertia * wheel_speed / h - other_torque
     return min(max(needed, low), high)

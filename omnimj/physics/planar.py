@@ -1,9 +1,8 @@
-"""Planar model of a robot with n omni wheels, Eqs. 3.54-3.85: smooth right-hand side and fixed step.
+"""Planar model of a robot with n omni wheels, Eqs. 3.54-3.85, by a fixed step.
 
 The state is one row, `PlanarState` names its parts: [z (n) | φ̇ (n) | v_x, v_y, yaw rate | i (n) | roller
 deflection (n) | wheel angle (n) | backlash (n) and its rate (n) | time | x, y, yaw]; twist in the body frame
-at the robot's centre. The first 2n + 3 are the states of Eq. 3.54; `derivative` takes these, or these and the
-motor currents, `step` takes all (`state_size`).
+at the robot's centre. The first 2n + 3 are the states of Eq. 3.54.
 
 Corrections to the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
 viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance of the wheel (as a torque
@@ -24,7 +23,7 @@ from omnimj.parameters.floor import TRACTION_SIZE, TractionParameters
 from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.robot import Robot, roller_sin_cos
 from omnimj.physics.effect_terms import ACTIVE, TERM, apply_motor_effects, has_motor_effects, terms_of_wheel
-from omnimj.physics.motor import MOTOR_SIZE, MotorParameters, achievable_current
+from omnimj.physics.motor import MOTOR_SIZE, MotorParameters
 from omnimj.physics.native import first_numbers, inlined, kernel, row_numbers
 from omnimj.physics.planar_wheel import (
     PLANAR_WHEEL_SIZE,
@@ -32,17 +31,10 @@ from omnimj.physics.planar_wheel import (
     PlanarOutput,
     PlanarState,
     PlanarWheel,
-    WheelLoad,
-    contact_force,
-    contact_velocity,
-    on_its_floor,
     step_wheel,
     supply_currents,
-    wheel_torque_bounds,
-    wheel_velocity,
 )
-from omnimj.physics.traction import force_ratio, load_factor, relaxation_rate, rolling_speed
-from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, blend_friction, packed, wheel_parameters
+from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, packed, wheel_parameters
 
 
 class PlanarBody(NamedTuple):
@@ -244,74 +236,11 @@ def _normal_force(wheel, gravity_x, gravity_y):
 
 
 @kernel
-def _body_force(wheel, body, ahead, aside):
+def body_force(wheel, body, ahead, aside):
     """Force of one wheel on the body and its moment about the centre of mass [N, N, N.m]."""
     x = ahead * wheel.drive_x + aside * wheel.drive_y
     y = ahead * wheel.drive_y - aside * wheel.drive_x
     return x, y, (wheel.position_x - body.com_x) * y - (wheel.position_y - body.com_y) * x
-
-
-@kernel
-def _twist_rate(body, force, twist, published):
-    """d(v_x, v_y, yaw rate)/dt of the robot's centre; the force (N, N, N.m) acts at the centre of mass."""
-    f_x, f_y, moment = force
-    v_x, v_y, yaw_rate = twist
-    spin = moment / body.yaw_inertia
-    rate_x = f_x / body.mass + spin * body.com_y
-    rate_y = f_y / body.mass - spin * body.com_x
-    if not published:
-        rate_x += yaw_rate * (v_y + yaw_rate * body.com_x)
-        rate_y -= yaw_rate * (v_x - yaw_rate * body.com_y)
-    return rate_x, rate_y, spin
-
-
-@kernel
-def derivative(state, command, yaw, model, smoothing):
-    """Right-hand side of Eqs. 3.63-3.85 for `scipy.integrate.solve_ivp`, sign(v) as tanh(v/smoothing).
-
-    Args:
-      state: [z | φ̇ | v_x, v_y, yaw rate], shape (2n+3,); or followed by the motor currents, shape (3n+3,).
-      command: Commanded currents, shape (n,) [A]; without currents in the state the amplifiers have no lag.
-      yaw: Heading, which matters on a slope only [rad].
-      model: `PlanarModel`; effect terms are left out.
-      smoothing: Speed over which friction changes its sign, at the rim for wheels [m/s].
-
-    Returns:
-      d(state)/dt.
-    """
-    body, published, n = body_at(model.body), model.published, command.size
-    twist = state[2 * n], state[2 * n + 1], state[2 * n + 2]
-    g_x, g_y = _gravity(body, yaw)
-    change = np.empty_like(state)
-    f_x, f_y, moment = body.mass * g_x, body.mass * g_y, 0.0
-    for i in range(n):
-        driven = driven_wheel(model, i)
-        wheel, motor, floor = driven.wheel, driven.motor, driven.floor
-        wheel_speed = state[n + i]
-        normal = _normal_force(wheel, g_x, g_y)
-        along, across = wheel_velocity(wheel, *twist)
-        rim = wheel.wheel.radius * wheel_speed
-        slip, sideways = contact_velocity(wheel, rim, along, across)
-        rate = relaxation_rate(floor, slip, rolling_speed(floor, rim, along, sideways))
-        change[i] = slip - rate * state[i]
-        grip = wheel.grip * load_factor(floor, normal)
-        traction = normal * grip * force_ratio(floor, state[i], slip, rate)
-        driven = on_its_floor(driven, rim, along, sideways)
-        dry = driven.wheel.wheel.roller_dry * math.tanh(sideways / smoothing)
-        drag = normal * (dry + wheel.wheel.roller_viscous * sideways)
-        ahead, aside = contact_force(wheel, traction, drag)
-        current = achievable_current(motor, command[i], wheel_speed)
-        if state.size > 2 * n + 3:
-            change[2 * n + 3 + i] = (current - state[2 * n + 3 + i]) / motor.current_loop
-            current = state[2 * n + 3 + i]
-        low, high = wheel_torque_bounds(driven, current, wheel_speed, WheelLoad(normal, ahead, aside))
-        torque = blend_friction(low, high, math.tanh(rim / smoothing))
-        change[n + i] = (torque - wheel.wheel.radius * ahead) / wheel.wheel.inertia
-        x, y, z = _body_force(wheel, body, ahead, aside)
-        f_x, f_y, moment = f_x + x, f_y + y, moment + z
-    rates = _twist_rate(body, (f_x, f_y, moment), twist, published)
-    change[2 * n], change[2 * n + 1], change[2 * n + 2] = rates
-    return change
 
 
 @inlined
@@ -397,7 +326,7 @@ def step(state, command, model, h, steps, output):
                 driven = DrivenWheel(wheel, motor, floor, published)
             normal = _normal_force(wheel, g_x, g_y)
             ahead, aside = step_wheel(i, now, command[i], driven, model.terms, normal, h, found)
-            x, y, z = _body_force(wheel, body, ahead, aside)
+            x, y, z = body_force(wheel, body, ahead, aside)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
         a_x, a_y = _step_body(now, body, (f_x, f_y, moment), h, published)
         if not published:

@@ -1,8 +1,7 @@
-"""Model of the quarter test rig, Eqs. 4.27-4.40: smooth right-hand side and fixed step.
+"""Model of the quarter test rig, Eqs. 4.27-4.40, by a fixed step.
 
-State of `derivative`: [carriage speed, wheel speed, z], Eqs. 4.27-4.29; or followed by the motor current.
-The state of `step` (`RigState`) also has variables of the effects and the backlash of the gear. The lateral
-speed of the gantry (Eq. 4.30) is an input, since the gantry's own drive holds it.
+The state (`RigState`) is that of Eqs. 4.27-4.29, the motor current, and variables of the effects and of the
+backlash of the gear. The lateral speed of the gantry (Eq. 4.30) is an input, since its own drive holds it.
 
 Corrections to the text: sign of T_nl and of the gear's power flow, viscous motor friction, sign of the
 rolling resistance; `published` is as printed. Both include the linear guide's measured dry friction, which
@@ -17,7 +16,6 @@ import math
 from typing import NamedTuple
 
 import numba
-import numpy as np
 
 from omnimj.parameters.floor import TractionParameters
 from omnimj.parameters.parts import GRAVITY
@@ -58,7 +56,6 @@ from omnimj.physics.wheel import (
     WHEEL_SIZE,
     WheelParameters,
     bearing_friction,
-    blend_friction,
     wheel_on_floor,
     wheel_parameters,
 )
@@ -285,43 +282,6 @@ def wheel_torque_bounds(model, current, wheel_speed, lateral):
     low, high = motor_torque_bounds(model.motor, current, wheel_speed, model.published)
     dry, viscous = bearing_friction(model.rig.wheel, model.rig.weight, lateral)
     return low - dry - viscous * wheel_speed, high + dry - viscous * wheel_speed
-
-
-@kernel
-def derivative(state, command, lateral_speed, model, smoothing):
-    """Right-hand side of Eqs. 4.32-4.40 for `scipy.integrate.solve_ivp`, sign(v) as tanh(v/smoothing).
-
-    Args:
-      state: [carriage speed, wheel speed, z], shape (3,); or followed by the motor current, shape (4,).
-      command: Commanded (or measured) current [A], limited to what the supply can drive.
-      lateral_speed: ṡ_111 of the gantry [m/s].
-      model: `RigModel`; effect terms are left out.
-      smoothing: Speed over which friction changes its sign, at the rim for the wheel [m/s].
-
-    Returns:
-      d(state)/dt.
-    """
-    rig, motor, floor = model.rig, model.motor, model.floor
-    speed, wheel_speed, z = state[0], state[1], state[2]
-    change = np.empty_like(state)
-    rim = rig.wheel.radius * wheel_speed
-    slip = rim - speed
-    rate = relaxation_rate(floor, slip, rolling_speed(floor, rim, speed, lateral_speed))
-    grip = rig.grip * load_factor(floor, rig.weight)
-    traction = rig.weight * grip * force_ratio(floor, z, slip, rate)
-    rig = rig_on_floor(rig, floor, rim, speed, lateral_speed)
-    lateral = lateral_force(rig, lateral_speed)
-    current = achievable_current(motor, command, wheel_speed)
-    if state.size > 3:
-        change[3] = (current - state[3]) / motor.current_loop
-        current = state[3]
-    low, high = carriage_friction_bounds(rig, lateral, speed, model.published)
-    change[0] = (traction + blend_friction(low, high, math.tanh(speed / smoothing))) / rig.mass
-    low, high = wheel_torque_bounds(model, current, wheel_speed, lateral)
-    torque = blend_friction(low, high, math.tanh(rim / smoothing))
-    change[1] = (torque - rig.wheel.radius * traction) / rig.wheel.inertia
-    change[2] = slip - rate * z
-    return change
 
 
 @kernel

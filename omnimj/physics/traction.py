@@ -5,7 +5,10 @@ speed, and a force F = f(z, ż, V_r) F_N (F_N/F_ref)^(p−1), |f| ≤ μ_cap. Fo
 exactly, hence stable at any slip velocity: z⁺ = z e^(−λh) + V_r (1 − e^(−λh))/λ. At standstill λ = 0: z is
 then the deflection of a spring between wheel and floor, which holds.
 
-Kernels take a floor as `parameters.floor.TractionParameters`; packed rows are read with `traction_at`.
+Kernels take a `floor` as `parameters.floor.TractionParameters`; packed rows are read with `traction_at`.
+Their `slip` is V_r = r φ̇ − V [m/s], `rolling_speed` V_roll from the kernel of that name [m/s], `rate` λ from
+`relaxation_rate` [1/s], z the bristle deflection [m], `sideways` the velocity u that turns the roller [m/s],
+and h the step [s].
 """
 
 from __future__ import annotations
@@ -15,7 +18,6 @@ import math
 from omnimj.parameters.floor import CREEP_RATIO, LUGRE, TRACTION_SIZE, TractionParameters
 from omnimj.physics.native import first_numbers, kernel
 
-_SMALL = 1e-12
 _REST = 1e-3  # [m/s] ε: below it a contact counts as one that rolls in no direction yet
 
 
@@ -46,10 +48,8 @@ def rolling_speed(floor, rim, along, sideways):
     a real robot with three wheels on soft floors.
 
     Args:
-      floor: `TractionParameters`.
       rim: r φ̇ [m/s].
       along: Velocity V of the wheel along its drive [m/s].
-      sideways: Velocity u that turns the roller [m/s].
     """
     rolling = max(abs(rim), abs(along))
     if floor.law == CREEP_RATIO or floor.turnover > 0.0:
@@ -67,9 +67,7 @@ def rolling_resistance(floor, rolling, sideways):
     drive has little drag across. What rubs on the rollers adds μ_rd in any direction.
 
     Args:
-      floor: `TractionParameters`.
       rolling: p = max(|r φ̇|, |V|) along the drive [m/s].
-      sideways: Velocity u that turns the roller [m/s].
     """
     on_wheel, on_rollers = floor.rolling_resistance, floor.rolling_resistance + floor.roller_resistance
     if on_rollers == 0.0:
@@ -91,11 +89,6 @@ def relaxation_rate(floor, slip, rolling_speed):
     Creep ratio: L dξ/dt = V_r − max(V_roll, |V_r|/ξ_s) ξ with ξ = z/L, the first-order lag of a rolling
     contact (Pacejka, *Tire and Vehicle Dynamics*, chapter 7). In full sliding, ξ ≥ ξ_s, the contact deflects
     no further than L ξ_s, so that it grips again at once when sliding ends.
-
-    Args:
-      floor: `TractionParameters`.
-      slip: V_r = r φ̇ − V [m/s].
-      rolling_speed: V_roll from `rolling_speed` [m/s].
     """
     if floor.law == LUGRE:
         return floor.sigma_0 * abs(slip) / stribeck(floor, slip) + floor.turnover * rolling_speed
@@ -106,14 +99,7 @@ def relaxation_rate(floor, slip, rolling_speed):
 
 @kernel
 def exact_step(z, slip, rate, h):
-    """Bristle deflection after h seconds of constant slip, exact for any rate [m].
-
-    Args:
-      z: Bristle deflection [m].
-      slip: V_r [m/s].
-      rate: λ from `relaxation_rate` [1/s].
-      h: Step [s].
-    """
+    """Bristle deflection after h seconds of constant slip, exact for any rate [m]."""
     x = rate * h
     if x < 1e-9:
         return z + slip * h
@@ -130,9 +116,6 @@ def mean_deflection(z, z_next, slip, rate, h):
     Args:
       z: Deflection before the step [m].
       z_next: Deflection after the step, from `exact_step` [m].
-      slip: V_r [m/s].
-      rate: λ [1/s].
-      h: Step [s].
     """
     x = rate * h
     if x < 1e-3:  # a series, where the difference below would lose its digits
@@ -145,12 +128,6 @@ def force_ratio(floor, z, slip, rate):
     """Traction over normal force f = F/F_N at the reference load, |f| ≤ μ_cap [1], Eqs. 3.42 and 3.18.
 
     LuGre: σ0 z + σ1' ż + σ2 V_r with σ1' from `passive_damping`.
-
-    Args:
-      floor: `TractionParameters`.
-      z: Bristle deflection [m].
-      slip: V_r [m/s].
-      rate: λ from `relaxation_rate` [1/s].
     """
     z_dot = slip - rate * z
     if floor.law == LUGRE:
@@ -175,7 +152,6 @@ def passive_damping(floor, rate):
 
     Args:
       floor: `TractionParameters` with the law `lugre`.
-      rate: λ from `relaxation_rate` [1/s].
     """
     if floor.sigma_1 * floor.sigma_1 * rate <= 4.0 * floor.sigma_0 * (floor.sigma_1 + floor.sigma_2):
         return floor.sigma_1
@@ -203,7 +179,6 @@ def load_factor(floor, normal_force):
     """(F_N/F_ref)^(p−1), by which the normal force is multiplied; 1 for p = 1, 0 without load [1].
 
     Args:
-      floor: `TractionParameters`.
       normal_force: F_N of the whole wheel [N].
     """
     if floor.load_exponent == 1.0:
@@ -211,18 +186,3 @@ def load_factor(floor, normal_force):
     if normal_force <= 0.0:  # a negative exponent
         return 0.0
     return (normal_force / floor.reference_load) ** (floor.load_exponent - 1.0)
-
-
-@kernel
-def steady_ratio(floor, slip, rolling_speed):
-    """F/F_N with a settled bristle: g sign(V_r) + σ2 V_r, or the curve of the slip ratio V_r/V_roll [1].
-
-    Args:
-      floor: `TractionParameters`.
-      slip: V_r [m/s].
-      rolling_speed: V_roll from `rolling_speed` [m/s].
-    """
-    rate = relaxation_rate(floor, slip, rolling_speed)
-    if rate < _SMALL:
-        return 0.0
-    return force_ratio(floor, slip / rate, slip, rate)

@@ -159,12 +159,6 @@ def bearing_friction(wheel, normal_force, lateral_force):
     return wheel.bearing_dry * load * wheel.pitch_radius, wheel.bearing_viscous * load * wheel.pitch_radius
 
 
-@kernel
-def blend_friction(low, high, direction):
-    """Smooth replacement of set-valued friction: `low` for direction 1, `high` for −1, linear between."""
-    return 0.5 * ((1.0 + direction) * low + (1.0 - direction) * high)
-
-
 def packed(parameters: tuple) -> np.ndarray:
     """Numbers of a NamedTuple, nested by one level at most, in one row for kernels; shape (numbers,)."""
     flat: list[float] = []

@@ -272,42 +272,6 @@ def apply_fault(fault, reading, last, time, noise):
     return held, held
 
 
-@kernel
-def sample_channels(channels, states, faults, noise, column, time, values):
-    """Take one reading of every channel.
-
-    Args:
-      channels: Packed `ChannelParameters`, shape (c, CHANNEL_SIZE).
-      states: Packed `ChannelState`, shape (c, STATE_SIZE), changed in place.
-      faults: Packed `SensorFault`, shape (f, FAULT_SIZE), in the order in which they act; held
-        readings change in place.
-      noise: Standard normal numbers, shape (c + f, any).
-      column: Column of `noise` to use.
-      time: Time of the sample [s].
-      values: Physical quantities, shape (c,).
-
-    Returns:
-      Readings, a new array of shape (c,).
-    """
-    count = channels.shape[0]
-    readings, last = np.empty(count), STATE_SIZE - 1
-    for c in range(count):
-        channel = ChannelParameters(*first_numbers(channels[c], CHANNEL_SIZE))
-        state = ChannelState(*first_numbers(states[c], STATE_SIZE))
-        readings[c], state = apply_chain(channel, state, values[c], noise[c, column])
-        store(state, states[c])
-    for f in range(faults.shape[0]):
-        fault = SensorFault(*first_numbers(faults[f], FAULT_SIZE))
-        c = int(fault.channel)
-        found = apply_fault(fault, readings[c], states[c, last], time, noise[count + f, column])
-        readings[c], faults[f, FAULT_SIZE - 1] = found
-    for c in range(count):
-        if channels[c, _TURNS] == 1.0 and math.isfinite(readings[c]):
-            readings[c] = wrap(readings[c])
-        states[c, last] = readings[c]
-    return readings
-
-
 def empty_delay_line(effects: Array) -> DelayLine:
     """Delay line before the first sample.
 
@@ -367,10 +331,24 @@ def read_sensors(sensors, time, values):
     Returns:
       Readings, a new array of shape (c,).
     """
+    channels, states, faults, noise = sensors.channels, sensors.states, sensors.faults, sensors.noise
     column = sensors.column[0]
     sensors.column[0] = column + 1
-    readings = sample_channels(
-        sensors.channels, sensors.states, sensors.faults, sensors.noise, column, time, values
-    )
+    count = channels.shape[0]
+    readings, last = np.empty(count), STATE_SIZE - 1
+    for c in range(count):
+        channel = ChannelParameters(*first_numbers(channels[c], CHANNEL_SIZE))
+        state = ChannelState(*first_numbers(states[c], STATE_SIZE))
+        readings[c], state = apply_chain(channel, state, values[c], noise[c, column])
+        store(state, states[c])
+    for f in range(faults.shape[0]):
+        fault = SensorFault(*first_numbers(faults[f], FAULT_SIZE))
+        c = int(fault.channel)
+        found = apply_fault(fault, readings[c], states[c, last], time, noise[count + f, column])
+        readings[c], faults[f, FAULT_SIZE - 1] = found
+    for c in range(count):
+        if channels[c, _TURNS] == 1.0 and math.isfinite(readings[c]):
+            readings[c] = wrap(readings[c])
+        states[c, last] = readings[c]
     apply_effects(sensors.effects, sensors.line, readings)
     return readings

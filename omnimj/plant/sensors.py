@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from omnimj.effects import ChannelEffect
 from omnimj.errors import InputError, UnknownNameError
@@ -39,9 +38,39 @@ _BLOCK = 512  # number of samples whose random numbers are drawn at once
 
 
 class _MachineSensors:
-    """Channels of a machine; the order of its channels is that of its readings."""
+    """Channels of a machine with their states and random numbers, each independent of the other channels.
 
-    _channels: _Channels
+    The order of the channels is that of the readings.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        channels: Sequence[ChannelParameters],
+        seed: int,
+        faults: Sequence[Fault],
+        ideal: bool,
+        changes: Mapping[str, ChannelEffect] | None,
+    ):
+        self._seed = _checked_seed(seed)
+        self._channels = [_ideal(channel) if ideal else channel for channel in channels]
+        acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
+        self._faults = [_sensor_fault(f, names) for f in acting]
+        self._effects = _packed_effects(names, changes or {}, channels[0].period)
+        self.values = np.zeros(len(names))
+        """Physical quantities that the next sample is taken of, shape (channels,)."""
+        self.reset()
+
+    def _streams(self) -> list[np.random.Generator]:
+        """One random generator per channel and fault; a fault's depends on channel and rank there."""
+        keys = [(0, c) for c in range(len(self._channels))]
+        seen = [0] * len(self._channels)
+        for fault in self._faults:
+            c = int(fault.channel)
+            seen[c] += 1
+            keys.append((seen[c], c))
+        seeds = (np.random.SeedSequence(self._seed, spawn_key=key) for key in keys)
+        return [np.random.Generator(np.random.PCG64(s)) for s in seeds]
 
     def reset(self, seed: int | None = None) -> None:
         """Return to the start of the run, with the noise of a seed; the same noise again when None.
@@ -49,21 +78,28 @@ class _MachineSensors:
         Raises:
           InputError: A seed that is not a whole number of at least 0.
         """
-        self._channels.reset(seed)
-
-    @property
-    def chain(self) -> chain.SensorChain:
-        """Arrays of the sensors, for kernels that read them in a loop."""
-        return self._channels.chain
-
-    @property
-    def values(self) -> Array:
-        """Physical quantities that the next sample is taken of, shape (channels,)."""
-        return self._channels.values
+        if seed is not None:
+            self._seed = _checked_seed(seed)
+        self._generators = self._streams()
+        streams = zip(self._channels, self._generators, strict=False)
+        states = [_start(channel, *g.standard_normal(2)) for channel, g in streams]
+        self.chain = chain.SensorChain(
+            np.array(self._channels),
+            np.array(states),
+            np.array(self._faults).reshape(-1, chain.FAULT_SIZE),
+            np.empty((len(self._generators), _BLOCK)),
+            np.array([_BLOCK]),
+            self._effects,
+            chain.empty_delay_line(self._effects),
+        )
+        """Arrays of the sensors, for kernels that read them in a loop; `refill` keeps their noise coming."""
 
     def refill(self) -> None:
         """Draw the next random numbers where all are used."""
-        self._channels.refill()
+        if self.chain.column[0] == _BLOCK:
+            for generator, row in zip(self._generators, self.chain.noise, strict=True):
+                generator.standard_normal(out=row)
+            self.chain.column[0] = 0
 
 
 class RobotSensors(_MachineSensors):
@@ -96,38 +132,7 @@ class RobotSensors(_MachineSensors):
         current, speed = _current(sensors, period), _wheel_speed(sensors, motor, period)
         channels = [current] * n + [speed] * n + [_acceleration(sensors, period)] * 2
         channels += [_yaw_rate(sensors, period), _yaw(sensors, period)]
-        self._channels = _Channels(robot_channels(n), channels, seed, faults, ideal, changes)
-
-    def measure(
-        self,
-        time: float,
-        current: ArrayLike,
-        wheel_speed: ArrayLike,
-        acceleration: ArrayLike,
-        yaw_rate: float,
-        heading: float,
-    ) -> Measurement:
-        """Take one sample; to be called once per period.
-
-        Args:
-          time: Time of the sample [s].
-          current: True currents, shape (n,) [A].
-          wheel_speed: True wheel speeds after the gear, shape (n,) [rad/s].
-          acceleration: Body-frame acceleration at the centre, shape (2,) [m/s²].
-          yaw_rate: True yaw rate [rad/s].
-          heading: True heading, wrapped or not [rad].
-
-        Returns:
-          Measurement in new arrays; a quantity that is not finite yields NaN.
-        """
-        n, values = self._wheels, self._channels.values
-        values[:n] = current
-        values[n : 2 * n] = wheel_speed
-        values[2 * n : 2 * n + 2] = acceleration
-        values[2 * n + 2] = yaw_rate
-        values[2 * n + 3] = heading
-        time = float(time)  # an integer would make the kernel compile again
-        return self.as_measurement(time, self._channels.read(time))
+        super().__init__(robot_channels(n), channels, seed, faults, ideal, changes)
 
     def as_measurement(self, time: float, readings: Array) -> Measurement:
         """Return readings as a measurement.
@@ -162,35 +167,7 @@ class RigSensors(_MachineSensors):
         rail = _rail_speed(sensors, period)
         channels = [_current(sensors, period), _wheel_speed(sensors, motor, period), rail]
         channels += [_acceleration(sensors, period), rail]
-        self._channels = _Channels(RIG_CHANNELS, channels, seed, faults, ideal, changes)
-
-    def measure(
-        self,
-        time: float,
-        current: float,
-        wheel_speed: float,
-        carriage_speed: float,
-        carriage_acceleration: float,
-        lateral_speed: float,
-    ) -> RigMeasurement:
-        """Take one sample; to be called once per period.
-
-        Args:
-          time: Time of the sample [s].
-          current: True current [A].
-          wheel_speed: True wheel speed after the gear [rad/s].
-          carriage_speed: True speed along the rail [m/s].
-          carriage_acceleration: True acceleration along the rail [m/s²].
-          lateral_speed: True speed of the gantry [m/s].
-
-        Returns:
-          Measurement; a quantity that is not finite yields NaN.
-        """
-        values = self._channels.values
-        values[0], values[1], values[2] = current, wheel_speed, carriage_speed
-        values[3], values[4] = carriage_acceleration, lateral_speed
-        time = float(time)  # an integer would make the kernel compile again
-        return self.as_measurement(time, self._channels.read(time))
+        super().__init__(RIG_CHANNELS, channels, seed, faults, ideal, changes)
 
     def as_measurement(self, time: float, readings: Array) -> RigMeasurement:
         """Return readings as a measurement.
@@ -200,68 +177,6 @@ class RigSensors(_MachineSensors):
           readings: Readings in the order of `RIG_CHANNELS`, shape (5,).
         """
         return RigMeasurement(time, *readings.tolist())
-
-
-class _Channels:
-    """Channels with their states and random numbers, each independent of the other channels."""
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        channels: Sequence[ChannelParameters],
-        seed: int,
-        faults: Sequence[Fault],
-        ideal: bool,
-        changes: Mapping[str, ChannelEffect] | None,
-    ):
-        self._seed = _checked_seed(seed)
-        self._channels = [_ideal(channel) if ideal else channel for channel in channels]
-        acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
-        self._faults = [_sensor_fault(f, names) for f in acting]
-        self._effects = _packed_effects(names, changes or {}, channels[0].period)
-        self.values = np.zeros(len(names))
-        self.reset()
-
-    def _streams(self) -> list[np.random.Generator]:
-        """One random generator per channel and fault; a fault's depends on channel and rank there."""
-        keys = [(0, c) for c in range(len(self._channels))]
-        seen = [0] * len(self._channels)
-        for fault in self._faults:
-            c = int(fault.channel)
-            seen[c] += 1
-            keys.append((seen[c], c))
-        seeds = (np.random.SeedSequence(self._seed, spawn_key=key) for key in keys)
-        return [np.random.Generator(np.random.PCG64(s)) for s in seeds]
-
-    def reset(self, seed: int | None = None) -> None:
-        """Return to the start of the run, with the random numbers of a seed; the same again when None."""
-        if seed is not None:
-            self._seed = _checked_seed(seed)
-        self._generators = self._streams()
-        streams = zip(self._channels, self._generators, strict=False)
-        states = [_start(channel, *g.standard_normal(2)) for channel, g in streams]
-        self.chain = chain.SensorChain(
-            np.array(self._channels),
-            np.array(states),
-            np.array(self._faults).reshape(-1, chain.FAULT_SIZE),
-            np.empty((len(self._generators), _BLOCK)),
-            np.array([_BLOCK]),
-            self._effects,
-            chain.empty_delay_line(self._effects),
-        )
-        """Arrays of the sensors, for kernels that read them in a loop; `refill` keeps their noise coming."""
-
-    def refill(self) -> None:
-        """Draw the next random numbers where all are used."""
-        if self.chain.column[0] == _BLOCK:
-            for generator, row in zip(self._generators, self.chain.noise, strict=True):
-                generator.standard_normal(out=row)
-            self.chain.column[0] = 0
-
-    def read(self, time: float) -> Array:
-        """Readings of `values` at a time [s], a new array of shape (c,)."""
-        self.refill()
-        return chain.read_sensors(self.chain, time, self.values)
 
 
 def _checked_seed(seed: int) -> int:

@@ -68,11 +68,6 @@ class RollerWheel:
         return self.ring.drop
 
     @property
-    def reach(self) -> float:
-        """Distance of the contact at hand-over from the roller's middle, along its axis [m]."""
-        return self.ring.reach
-
-    @property
     def roller_half_length(self) -> float:
         """Half length c of a roller as built, the longest that leaves room to its neighbours [m]."""
         return self.ring.roller_half_length

@@ -154,8 +154,7 @@ from omnimj.effects.effect import RIG, Effect, EffectParameter
 
 
 def _bent(changes, values):
-    depth = values["force"]
-    changes.add_curve("position", [0.0, 0.3 * depth, depth, depth, 0.3 * depth, 0.0, 0.0, 0.0], 0.0, 1.4)
+    changes.set_term("sticky", 2.5 * values["force"], sticky_place=0.7, sticky_width=0.2)
 
 
 EFFECTS = (
@@ -186,4 +185,4 @@ def test_a_new_effect_is_one_new_file(tmp_path):
         text=True,
         check=False,
     )
-    assert found.stdout.split() == ["bent_rail", "5.0"], found.stderr  # 5 knots per metre
+    assert found.stdout.split() == ["bent_rail", "5.0"], found.stderr

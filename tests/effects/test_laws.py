@@ -15,7 +15,6 @@ from omnimj.effects import apply_effects, with_effects
 from omnimj.errors import InputError
 from omnimj.physics import effect_terms as terms_of
 from omnimj.physics.effect_terms import (
-    CURVES,
     KNOTS,
     TERM,
     AxleTorque,
@@ -230,7 +229,7 @@ def test_a_ripple_acts_with_its_mean_over_the_step(order, angle, speed, h):
 def test_a_tabulated_force_is_straight_between_its_knots(over):
     rng = np.random.default_rng(3)
     values, rows = rng.normal(size=KNOTS), zero_terms()
-    write_curve(rows, CURVES - 1, over, values, -1.0, 2.0)
+    write_curve(rows, over, values, -1.0, 2.0)
     mark_active(rows)
     assert rows[0, terms_of.ACTIVE] == 1.0
     place = terms_of.CURVE_VARIABLES.index(over)
@@ -247,7 +246,7 @@ def test_a_tabulated_force_is_straight_between_its_knots(over):
 
 def test_a_tabulated_force_over_position_works_on_the_carriage():
     rows = zero_terms()
-    write_curve(rows, 0, "position", [-0.5 * k for k in range(KNOTS)], 0.0, 0.7)
+    write_curve(rows, "position", [-0.5 * k for k in range(KNOTS)], 0.0, 0.7)
     mark_active(rows)
     motor, terms = motor_parameters(RIG.motor), terms_at(rows[0])
     model, state = RigModel(rig_parameters(RIG), motor, STONE.traction, terms, False), RigState(*[0.0] * 9)

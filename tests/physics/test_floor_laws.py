@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from steady_driving import settled_ratio
 
 from omnimj.parameters import read_floors, read_rig
 from omnimj.parameters.floor import CREEP_RATIO, LUGRE, MAGIC_FORMULA
@@ -26,14 +27,7 @@ from omnimj.physics.rig import (
     rig_parameters,
     step,
 )
-from omnimj.physics.traction import (
-    exact_step,
-    force_ratio,
-    load_factor,
-    mean_deflection,
-    relaxation_rate,
-    steady_ratio,
-)
+from omnimj.physics.traction import exact_step, force_ratio, load_factor, mean_deflection, relaxation_rate
 from omnimj.physics.wheel import roller_friction, wheel_on_floor, wheel_parameters
 
 FLOORS, RIG = read_floors(), read_rig()
@@ -78,7 +72,7 @@ def test_settled_traction_is_the_brush_model_of_the_creep_ratio(name, rim, groun
         z, ratio = after(floor.traction, z, rim, ground, h, sideways)
     closed = brush(floor, (rim - ground) / rolling)
     assert ratio == pytest.approx(closed, rel=1e-9, abs=1e-12)
-    assert steady_ratio(floor.traction, rim - ground, rolling) == pytest.approx(closed, rel=1e-9, abs=1e-12)
+    assert settled_ratio(floor.traction, rim - ground, rolling) == pytest.approx(closed, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", CREEP)
@@ -86,7 +80,7 @@ def test_settled_traction_is_the_brush_model_of_the_creep_ratio(name, rim, groun
 def test_at_small_creep_traction_grows_with_the_creep_stiffness_at_any_speed(name, rolling):
     floor = FLOORS[name]
     for creep in (1e-6, -1e-5):
-        slope = steady_ratio(floor.traction, creep * rolling, rolling) / creep
+        slope = settled_ratio(floor.traction, creep * rolling, rolling) / creep
         assert slope == pytest.approx(floor.numbers["creep_stiffness"], rel=1e-3)
 
 

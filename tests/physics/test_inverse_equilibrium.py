@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from steady_driving import steady_wheel_speeds
 
 from omnimj.effects import apply_effects
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import all_floors
 from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.equilibrium import steady_twist
-from omnimj.physics.inverse_equilibrium import approach_rims, steady_wheel_speeds
+from omnimj.physics.inverse_equilibrium import approach_rims
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import motor_parameters
 from omnimj.physics.planar import PlanarModel, planar_constants

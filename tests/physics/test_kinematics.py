@@ -8,9 +8,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from published_map import published_jacobian, rotation
 
 from omnimj.parameters import read_robot
-from omnimj.physics.kinematics import published_jacobian, rolling_matrix, rotation, weighted_inverse
+from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 
 ROBOT = read_robot()
 L = 0.25

@@ -12,20 +12,13 @@ from hypothesis import strategies as st
 from nightly import in_turn
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
+from smooth_planar import derivative
 
 from omnimj.parameters import WheelMount, read_floors, read_robot
 from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import MotorParameters, drive_torque_bounds, motor_parameters
-from omnimj.physics.planar import (
-    PlanarModel,
-    derivative,
-    output_size,
-    planar_constants,
-    planar_state,
-    state_size,
-    step,
-)
+from omnimj.physics.planar import PlanarModel, output_size, planar_constants, planar_state, state_size, step
 from omnimj.physics.planar_wheel import planar_wheel_at
 from omnimj.physics.traction import force_ratio, relaxation_rate
 
@@ -93,7 +86,7 @@ def _stepped(state, command, constants, floors, duration, published=False, h=H, 
 def _integrated(state, command, constants, floors, duration, published=False):
     command = np.asarray(command, float)
     time = np.arange(round(duration * 1000) + 1) * 1e-3
-    numbers = (0.0, _model(constants, floors, published), 1e-4)
+    numbers = (_model(constants, floors, published), 1e-4)
     return solve_ivp(
         lambda _, y: derivative(y, command, *numbers),
         (0.0, time[-1]), state[: 3 * N + 3], method="LSODA", t_eval=time, rtol=1e-9, atol=1e-9,
@@ -176,7 +169,7 @@ def test_power_balance(twist, wheel_speed, z, command, payload, name):
     robot = dataclasses.replace(ROBOT, wheel=dataclasses.replace(ROBOT.wheel, rolling_resistance=rolling))
     constants, floor = planar_constants(robot, payload=payload), FLOORS[name].traction
     state = np.concatenate([z, wheel_speed, twist])
-    rates = derivative(state, np.array(command), 0.0, _model(constants, _floors(name)), 1e-4)
+    rates = derivative(state, np.array(command), _model(constants, _floors(name)), 1e-4)
     r, wheel, motor, bearing = ROBOT.wheel.radius, ROBOT.wheel, ROBOT.motor, ROBOT.bearing
     mass, com_x, com_y, inertia = constants.body[:4]
     v_x, v_y, w = twist
@@ -348,7 +341,7 @@ def test_three_wheels_at_120_degrees_obey_the_same_equations():
     motors, floors, command = MOTORS[:3], _floors("pvc")[:3], np.array([0.9, -0.6, 0.4])
     assert _normal_forces(constants).sum() == pytest.approx((ROBOT.body.mass + 2.0) * 9.81)
     model = _model(constants, floors, motors=motors)
-    numbers = (0.0, model, 1e-4)
+    numbers = (model, 1e-4)
     exact = solve_ivp(
         lambda _, y: derivative(y, command, *numbers),
         (0.0, 1.0), np.zeros(12), method="LSODA", rtol=1e-9, atol=1e-9,
@@ -457,7 +450,7 @@ def test_the_force_across_is_to_the_torque_on_the_wheel_as_the_rolling_across_to
     constants = planar_constants(_without_friction())
     motors = np.tile(np.array(motor_parameters(_without_friction().motor)), (N, 1))
     without, resisted = (
-        derivative(state, command, 0.0, _model(constants, _floors(name), motors=motors), 1e-4)
+        derivative(state, command, _model(constants, _floors(name), motors=motors), 1e-4)
         for name in (floor.removeprefix("soft "), floor)
     )
     change = resisted - without

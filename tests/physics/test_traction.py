@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
+from steady_driving import settled_ratio
 
 from omnimj.parameters import read_floors
 from omnimj.parameters.floor import LUGRE as LUGRE_LAW
@@ -21,7 +22,6 @@ from omnimj.physics.traction import (
     relaxation_rate,
     rolling_resistance,
     rolling_speed,
-    steady_ratio,
 )
 
 FLOORS = read_floors()
@@ -52,7 +52,7 @@ def test_steady_traction_is_the_closed_form(name, slip):
     floor = FLOORS[name]
     closed = _stribeck(floor, slip) * math.copysign(1.0, slip) + floor.numbers["sigma_2"] * slip
     assert _settled(floor, slip, 1.0) == pytest.approx(closed, rel=1e-12)
-    assert steady_ratio(floor.traction, slip, 1.0) == pytest.approx(closed, rel=1e-12)
+    assert settled_ratio(floor.traction, slip, 1.0) == pytest.approx(closed, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", LUGRE)
@@ -207,7 +207,7 @@ def test_a_capped_floor_follows_its_law_up_to_its_ceiling(name, z, slip):
     [("dry_asphalt", 0.1, 0.9558), ("ice", -0.25, -0.09715), ("snow", 0.2, 0.29146)],
 )
 def test_magic_formula_at_known_slip_ratios(name, slip_ratio, force):
-    assert steady_ratio(FLOORS[name].traction, slip_ratio, 1.0) == pytest.approx(force, abs=1e-4)
+    assert settled_ratio(FLOORS[name].traction, slip_ratio, 1.0) == pytest.approx(force, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", MAGIC)

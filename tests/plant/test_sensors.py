@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
+from sampled_sensors import sample
 from scipy import signal
 
 from omnimj.errors import InputError, UnknownNameError
@@ -55,7 +56,7 @@ def run(
     quantities = (current, speed, acceleration, yaw_rate, heading)
     found = []
     for k, (i, w, a, g, h) in enumerate(zip(*(np.broadcast_to(q, samples) for q in quantities), strict=True)):
-        m = sensors.measure(k * PERIOD, np.full(4, i), np.full(4, w), np.full(2, a), g, h)
+        m = sample(sensors, k * PERIOD, np.full(4, i), np.full(4, w), np.full(2, a), g, h)
         found.append(flat(m))
     return np.array(found)
 
@@ -242,10 +243,10 @@ def test_two_sets_of_sensors_do_not_share_state():
     one, two = robot(seed=1), robot(seed=2)
     for k in range(50):
         t = k * PERIOD
-        two.measure(t, np.ones(4), np.ones(4), np.ones(2), 1.0, 1.0)
+        sample(two, t, np.ones(4), np.ones(4), np.ones(2), 1.0, 1.0)
         inputs = (np.sin(9 * t), 10 * np.sin(5 * t), np.cos(7 * t), np.sin(3 * t), 2.0 * t)
         i, w, a, g, h = inputs
-        together = flat(one.measure(t, np.full(4, i), np.full(4, w), np.full(2, a), g, h))
+        together = flat(sample(one, t, np.full(4, i), np.full(4, w), np.full(2, a), g, h))
         assert np.array_equal(together, alone[k])
 
 
@@ -317,7 +318,7 @@ def test_faulty_yaw_is_still_an_angle():
 def test_times_summed_up_from_steps_meet_onset_and_end():
     sensors, time, read = robot(QUIET, faults=[fault("current_1", "bias", 1.0, 1.2, 1.5)]), 0.0, []
     for _ in range(2000):
-        read.append(sensors.measure(time, np.zeros(4), np.zeros(4), np.zeros(2), 0.0, 0.0).current[0])
+        read.append(sample(sensors, time, np.zeros(4), np.zeros(4), np.zeros(2), 0.0, 0.0).current[0])
         time += PERIOD
     assert np.array_equal(np.flatnonzero(read), np.arange(1200, 1500))
 
@@ -352,9 +353,9 @@ def test_ideal_chain_is_transparent(current, speed, acceleration, yaw_rate, head
 
 def test_ideal_rig_chain_is_transparent_and_its_faults_act():
     sensors = RigSensors(SENSORS, MOTOR, PERIOD, 0, [fault("lateral_speed", "bias", 1.0, 0.5)], ideal=True)
-    m = sensors.measure(0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+    m = sample(sensors, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
     assert [getattr(m, name) for name in RIG_CHANNELS] == [0.1, 0.2, 0.3, 0.4, 0.5]
-    assert sensors.measure(0.5, 0.1, 0.2, 0.3, 0.4, 0.5).lateral_speed == 1.5
+    assert sample(sensors, 0.5, 0.1, 0.2, 0.3, 0.4, 0.5).lateral_speed == 1.5
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -368,8 +369,8 @@ def test_quantity_that_is_not_finite_reads_nan_once_and_spoils_nothing(bad, idea
 def test_one_bad_channel_leaves_the_others_alone():
     good, bad = robot(seed=1), robot(seed=1)
     speeds = np.array([1.0, np.nan, 1.0, 1.0])
-    a = flat(good.measure(0.0, np.ones(4), np.ones(4), np.ones(2), 0.0, 0.0))
-    b = flat(bad.measure(0.0, np.ones(4), speeds, np.ones(2), 0.0, 0.0))
+    a = flat(sample(good, 0.0, np.ones(4), np.ones(4), np.ones(2), 0.0, 0.0))
+    b = flat(sample(bad, 0.0, np.ones(4), speeds, np.ones(2), 0.0, 0.0))
     assert np.array_equal(np.delete(a, 5), np.delete(b, 5)) and np.isnan(b[5])
 
 
@@ -383,15 +384,15 @@ def test_absurd_but_finite_quantities_give_finite_readings():
 def test_arrays_in_are_not_kept_and_arrays_out_are_fresh():
     sensors = robot(QUIET)
     current, speed = np.zeros(8)[::2], [0, 0, 0, 0]  # strided views and lists are fine
-    first = sensors.measure(0, current, speed, np.zeros(2), 0, 0)
+    first = sample(sensors, 0, current, speed, np.zeros(2), 0, 0)
     kept = flat(first).copy()
     current[:] = 3.0
-    second = sensors.measure(PERIOD, current, speed, np.zeros(2), 0, 0)
+    second = sample(sensors, PERIOD, current, speed, np.zeros(2), 0, 0)
     assert np.array_equal(flat(first), kept)
     for name in ("current", "wheel_speed", "acceleration"):
         assert not np.shares_memory(getattr(first, name), getattr(second, name))
     first.current[:] = 9.0
-    assert np.array_equal(second.current, sensors.measure(0, current, speed, np.zeros(2), 0, 0).current)
+    assert np.array_equal(second.current, sample(sensors, 0, current, speed, np.zeros(2), 0, 0).current)
 
 
 # --- rig ----------------------------------------------------------------------------------------------
@@ -399,7 +400,7 @@ def test_arrays_in_are_not_kept_and_arrays_out_are_fresh():
 
 def rig_run(sensors, samples, **constant):
     truth = dict.fromkeys(RIG_CHANNELS, 0.0) | constant
-    found = [sensors.measure(k * PERIOD, **truth) for k in range(samples)]
+    found = [sample(sensors, k * PERIOD, *truth.values()) for k in range(samples)]
     return np.array([[getattr(m, name) for name in RIG_CHANNELS] for m in found])
 
 

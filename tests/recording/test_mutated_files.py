@@ -14,12 +14,13 @@ import made_datasets as made
 import numpy as np
 import pytest
 import scipy.io
+from key_files import make_key_file
 
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds, read_thresholds
 from omnimj.control.gains import read_gains
 from omnimj.errors import OmnimjError
 from omnimj.link.codec.frames import encode
-from omnimj.link.codec.key import make_key_file, read_key
+from omnimj.link.codec.key import read_key
 from omnimj.link.codec.messages import Frame, Ping
 from omnimj.link.host.frame_log import FRAMES_FILE, FrameLog, FrameRecording
 from omnimj.parameters import read_floors, read_rig, read_robot

@@ -40,7 +40,9 @@ def test_logs_of_any_number_of_wheels_come_back_as_they_were_written(tmp_path, w
 def test_a_machine_with_other_wheels_than_the_logs_is_refused_and_the_right_one_reads_rows(tmp_path):
     written(tmp_path / "data", 3)
     dataset = read_dataset(tmp_path / "data")
-    with pytest.raises(InputError, match=r"has 4 \[\[wheels\]\]; the logs of .*data have 3: give --model"):
+    with pytest.raises(
+        InputError, match=r"has 4 \[\[wheels\]\]; the logs of .*data have 3 wheels; pass --model"
+    ):
         read_machine(dataset)
     machine = read_machine(dataset, Path("three_wheel"))
     measured = machine.measurement(0.5, np.arange(10.0))

@@ -4,11 +4,12 @@ import functools
 
 import numpy as np
 import pytest
+from published_map import published_jacobian, rotation
 from scipy.integrate import solve_ivp
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
-from omnimj.physics.kinematics import published_jacobian, rolling_matrix, rotation, weighted_inverse
+from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 from omnimj.simulate.kinematic import KinematicCase, KinematicPlant, drive_kinematic
 from omnimj.simulate.scenario.drive import read_drive
 from omnimj.simulate.scenario.tables import read_kinematics

@@ -10,6 +10,7 @@ import rig_reference
 from nightly import latin
 from published_reference import rig_force_rms, robot_force_rms, running_rms
 from scipy.integrate import solve_ivp
+from smooth_planar import derivative
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.diagnosis.published_thresholds import (
@@ -78,7 +79,7 @@ def test_the_robot_s_observer_integrates_the_equations_under_the_measured_curren
 
     def rates(time, state):
         now = min(max(math.ceil(time / period - 1e-9), 1), rows)
-        return planar.derivative(state, current[now], 0.0, model, 1e-3)
+        return derivative(state, current[now], model, 1e-3)
 
     solved = solve_ivp(
         rates, (0.0, rows * period), np.zeros(11), "LSODA", np.arange(0, rows + 1, 100) * period,

@@ -13,7 +13,6 @@ from driven_missions import as_run, driven
 from test_report import Page
 
 from omnimj.cli.main import main
-from omnimj.control.detection.robust.decision import TESTS
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.parameters import read_robot
 from omnimj.recording.dataset import Dataset
@@ -23,6 +22,19 @@ from omnimj.signals import Diagnosis, Trace
 from omnimj.view.diagnosis_words import describe_diagnosis, describe_evidence
 from omnimj.view.report.diagnosis import run_section, write_diagnosis_report
 
+TESTS = (
+    "loss",
+    "friction",
+    "learnt loss",
+    "accelerometer",
+    "slip",
+    "current",
+    "standing",
+    "readings",
+    "yaw rates",
+    "wheel speed",
+)
+"""Tests that decide."""
 LEARNT = Diagnosis(4.0, "motor", (2,), 0.9, (), 0.93, test="learnt loss", statistic=0.071, threshold=0.03)
 SUDDEN = Diagnosis(3.0, "motor", (1,), 0.99, (), 0.43, test="loss", statistic=31.2, threshold=23.5)
 BRAKED = Diagnosis(2.0, "motor", (4,), 0.99, (), 1.0, test="friction", statistic=40.0, threshold=23.5)

@@ -104,7 +104,7 @@ def test_mirrored_rollers_have_the_same_outline_and_room():
     wheel = mecanum_wheel()
     other = wheel.mirrored()
     assert other.mounted_angle == pytest.approx(math.pi - wheel.mounted_angle)
-    for name in ("drop", "reach", "half_length", "roller_half_length", "width", "inertia"):
+    for name in ("drop", "half_length", "roller_half_length", "width", "inertia"):
         assert getattr(other, name) == pytest.approx(getattr(wheel, name), rel=1e-9)
 
 

@@ -1,6 +1,8 @@
-"""Inverse kinematics: wheel speeds for a body twist, in the scale of rolling and in the published one.
+"""Inverse kinematics B: rolling speeds of the wheels for a body twist, V = B·twist.
 
-Every choice is one constant matrix, so that the controller's step is a product V = B·twist.
+Corrected: B = A of `physics.kinematics.rolling_matrix`, the only rolling speeds without slip on a rigid base.
+Published: B = W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹ with the printed J, Eqs. 3.10-3.15, which drives at half the linear and a
+quarter of the demanded angular speed.
 """
 
 from __future__ import annotations
@@ -8,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omnimj.errors import InputError, UnknownNameError
-from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
+from omnimj.errors import InputError
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
@@ -24,36 +26,6 @@ def published_map(positions: ArrayLike, directions: ArrayLike) -> Array:
     a = rolling_matrix(positions, directions)
     a[:, 2] /= np.sum(np.square(np.asarray(positions, float)), axis=1)
     return a.T
-
-
-def inverse_kinematics(
-    positions: ArrayLike,
-    directions: ArrayLike,
-    scale: str = "corrected",
-    weights: ArrayLike | None = None,
-) -> Array:
-    """B of V = B·twist, rolling speeds at the wheels [m/s], shape (n, 3).
-
-    `corrected`: B = A, the only rolling speeds without slip on a rigid base; weights do not enter.
-    `published`: B = W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹ with the printed J, Eqs. 3.10-3.15: half the linear and a quarter of
-    the demanded angular speed.
-
-    Args:
-      positions: Wheel centres p_i, shape (n, 2) [m].
-      directions: `Robot.rolling_directions`, shape (n, 2).
-      scale: `corrected` or `published`.
-      weights: W_i of Eq. 3.11, all positive; ones when None.
-
-    Raises:
-      UnknownNameError: No such scale.
-      InputError: Weights that are not n positive numbers.
-    """
-    if scale not in SCALES:
-        raise UnknownNameError("allocation", "scale", scale, SCALES)
-    if scale == "corrected":
-        return rolling_matrix(positions, directions)
-    forward = published_map(positions, directions)
-    return weighted_inverse(forward, checked_weights(weights, forward.shape[1]))
 
 
 def checked_weights(weights: ArrayLike | None, wheels: int) -> Array:

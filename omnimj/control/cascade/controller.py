@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from omnimj.control.cascade.allocation import inverse_kinematics, wheel_speed_target
+from omnimj.control.cascade.allocation import wheel_speed_target
 from omnimj.control.cascade.creep import CreepParameters, creep_parameters, update_creep
 from omnimj.control.cascade.heading import (
     GyroBias,
@@ -27,6 +26,7 @@ from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_a
 from omnimj.control.cascade.wheel_speed import SpeedGains, amplifier_parameters, speed_gains, speed_loop
 from omnimj.control.records import Record, copied, packed, packed_like, plain_array
 from omnimj.parameters import Floor, Robot
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import MotorParameters
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target
@@ -279,14 +279,11 @@ class Controller:
       yaw_loop: P on the yaw rate.
       heading_hold: P on the heading, on top of the yaw-rate demand.
       heading_feedback: Rotate world demands by the measured heading; by the planned one when False.
-      scale: Inverse kinematics, `corrected` or `published`.
-      weights: W_i of the published scale, shape (n,); ones when None.
       period: Control period [s]; that of the robot's sensors when None.
       creep_floor: Floor whose creep is fed forward, as the controller assumes it; no feed-forward when None.
 
     Raises:
-      UnknownNameError: No such scale.
-      InputError: Weights that are not n positive numbers, or effects that do not suit the floor.
+      InputError: Effects of the model file that do not suit the floor.
     """
 
     def __init__(
@@ -295,14 +292,12 @@ class Controller:
         yaw_loop: bool = True,
         heading_hold: bool = False,
         heading_feedback: bool = True,
-        scale: str = "corrected",
-        weights: ArrayLike | None = None,
         period: float | None = None,
         creep_floor: Floor | None = None,
     ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         gains, n = robot.control, len(robot.wheels)
-        inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions, scale, weights)
+        inverse = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
         loop = yaw_rate_gain(gains, self.period)
         parameters = CascadeParameters(
             yaw_rate=loop if yaw_loop else loop._replace(slow=0.0),

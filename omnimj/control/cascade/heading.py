@@ -8,7 +8,8 @@ for 1 mrad/s.
 At standstill the yaw loops would answer the gyro's bias and noise: the wheel-speed integrals build up against
 stiction, break away and build up again, a limit cycle of a tenth of an ampere that moves nothing. While the
 robot stands, its wheel-speed targets are therefore zero and their friction holds the heading.
- Each standstill also serves to average the gyro's bias: uncorrected, 1 mrad/s turns the robot by 2.6 degrees
+
+Each standstill also serves to average the gyro's bias. Uncorrected, 1 mrad/s turns the robot by 2.6 degrees
 in 45 s. White noise of σ behind a filter of time constant τ leaves a standard error of σ √(2 τ / T) after a
 rest of T: 0.32 mrad/s after 0.3 s and 0.06 mrad/s after 9 s for the robot's gyro. The wheels decide what
 counts as rest: a robot that is pushed round slowly has a gyro reading like a bias and wheel speeds below

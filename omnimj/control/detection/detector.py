@@ -6,8 +6,7 @@ hardware.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from omnimj.control.cascade.controller import Reconfiguration
 from omnimj.control.records import Record, copied
-from omnimj.errors import InputError, UnknownNameError
 from omnimj.signals import Array, Diagnosis
 
 VARIANTS = ("repaired", "printed")
@@ -194,29 +192,3 @@ class DetectorOptions:
     def printed(self) -> bool:
         """True if the equations are as printed."""
         return self.variant == "printed"
-
-
-def checked_options(
-    variant: object, thresholds: object, flags: Mapping[str, object], place: str
-) -> DetectorOptions:
-    """Validate options read from a file.
-
-    Args:
-      variant: One of `VARIANTS`.
-      thresholds: One of `THRESHOLD_SETS`.
-      flags: Some of `OPTION_FLAGS`.
-      place: Table of the file, for messages.
-
-    Raises:
-      UnknownNameError: No such variant or set of thresholds.
-      InputError: A flag is neither true nor false.
-    """
-    if variant not in VARIANTS:
-        raise UnknownNameError(f"{place}.variant", "variant", variant, VARIANTS)
-    if thresholds not in THRESHOLD_SETS:
-        raise UnknownNameError(f"{place}.thresholds", "set of thresholds", thresholds, THRESHOLD_SETS)
-    for name, value in flags.items():
-        if not isinstance(value, bool):
-            raise InputError(f"{place}.{name}", f"found {value!r}", "must be true or false")
-    chosen = DetectorOptions(str(variant), str(thresholds))
-    return replace(chosen, **{name: bool(value) for name, value in flags.items()})

@@ -3,8 +3,8 @@
 Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel,
 and a weak motor leaves a net force. A square wave of `DITHER_SPEED` along n is added, in bursts, while a
 robot that drives slowly and steadily excites its motors too little; once, larger, before the first drive,
-where the self-test is enabled. The steps of the wave are what excites: a sine of the same size found no motor
-of 16 that lacks 15 %, the square wave found 7.
+where the self-test is enabled. The steps of the wave provide the excitation: of 16 motors that lacked 15 %, a
+sine of the same amplitude revealed none, the square wave seven.
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ says by how much each wheel will creep under its share, and that is added to its
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,30 +22,14 @@ USUAL_GRIP = 0.09
 _SIDEWAYS = 0.01  # [m/s] width of the sign of the rollers' dry friction
 
 
-class BodyMotion(NamedTuple):
-    """Demanded motion of the body in its own frame."""
-
-    velocity_x: float
-    """[m/s]"""
-    velocity_y: float
-    """[m/s]"""
-    yaw_rate: float
-    """[rad/s]"""
-    acceleration_x: float
-    """[m/s²]"""
-    acceleration_y: float
-    """[m/s²]"""
-    yaw_acceleration: float
-    """[rad/s²]"""
-
-
 @kernel
-def required_wrench(robot, motion, available, traction):
+def required_wrench(robot, twist, acceleration, available, traction):
     """Force and moment for a motion: M a, the rollers' drag, less the traction of unavailable wheels.
 
     Args:
       robot: `RobotConstants`.
-      motion: `BodyMotion`.
+      twist: Demanded v_x, v_y, yaw rate in the body frame, three numbers [m/s, m/s, rad/s].
+      acceleration: Demanded acceleration of the same, three numbers [m/s², m/s², rad/s²].
       available: Mask of the wheels that are allocated, shape (n,).
       traction: Traction of the others, shape (n,) [N].
 
@@ -54,10 +37,10 @@ def required_wrench(robot, motion, available, traction):
       w, shape (3,) [N, N, N.m].
     """
     w = np.empty(3)
-    w[0], w[1] = robot.mass * motion.acceleration_x, robot.mass * motion.acceleration_y
-    w[2] = robot.yaw_inertia * motion.yaw_acceleration
+    w[0], w[1] = robot.mass * acceleration[0], robot.mass * acceleration[1]
+    w[2] = robot.yaw_inertia * acceleration[2]
     dry, viscous = robot.load * robot.roller_dry, robot.load * robot.roller_viscous
-    side = robot.across @ np.array((motion.velocity_x, motion.velocity_y, motion.yaw_rate))
+    side = robot.across @ np.array(twist)
     for i in range(available.size):
         drag = dry * np.tanh(side[i] / _SIDEWAYS) + viscous * side[i]
         for k in range(3):
@@ -125,29 +108,3 @@ def steady_creep(load, force):
       force: F [N].
     """
     return math.copysign(max(abs(force) / load - USUAL_GRIP, 0.0) / CREEP_SLOPE, force)
-
-
-@kernel
-def creep_offsets(robot, arm, motion, available, pivot, most, traction):
-    """Wheel-speed offsets creep(f*_i)/r that make up for the creep of the available wheels.
-
-    Args:
-      robot: `RobotConstants`.
-      arm: Length that turns a moment into a force [m].
-      motion: `BodyMotion`.
-      available: Mask of the wheels that are allocated, the pivot included, shape (n,).
-      pivot: Wheel that the robot turns about, which gets no offset; −1: none.
-      most: Largest traction of each wheel, shape (n,) [N].
-      traction: Estimated traction of the wheels, shape (n,) [N].
-
-    Returns:
-      Offsets, shape (n,) [rad/s].
-    """
-    wrench = required_wrench(robot, motion, available, traction)
-    share = allocate_forces(robot.forces, arm, wrench, most, available)
-    offset = np.zeros(available.size)
-    for i in range(available.size):
-        if available[i] and i != pivot:
-            ratio = math.hypot(robot.forces[0, i], robot.forces[1, i])  # 1/sin γ of its rollers
-            offset[i] = ratio * steady_creep(robot.load, ratio * share[i]) / robot.radius[i]
-    return offset

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.control.cascade.allocation import inverse_kinematics
 from omnimj.control.cascade.controller import Reconfiguration, nominal_reconfiguration
 from omnimj.control.detection.detector import FaultEstimate
 from omnimj.control.gains import RecoveryGains
@@ -23,6 +22,7 @@ from omnimj.control.recovery.step import (
 from omnimj.control.recovery.tracking import Tracking
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import Robot
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Measurement, Target
 
@@ -91,7 +91,7 @@ class Recovery:
         gains: RecoveryGains | None = None,
     ):
         gains, constants = RecoveryGains() if gains is None else gains, robot_constants(robot)
-        inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions)
+        inverse = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
         limit = min(robot.motor.current_limit, robot.control.current_limit)
         self.wheels, self._self_test = len(robot.wheels), self_test
         self.constants = RecoveryParameters(

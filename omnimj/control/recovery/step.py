@@ -24,7 +24,7 @@ from omnimj.control.recovery.dither import (
     next_self_test,
     update_dither,
 )
-from omnimj.control.recovery.force_allocation import BodyMotion, creep_offsets
+from omnimj.control.recovery.force_allocation import allocate_forces, required_wrench, steady_creep
 from omnimj.control.recovery.modes import (
     CAPPING,
     COMPENSATING,
@@ -34,7 +34,7 @@ from omnimj.control.recovery.modes import (
     SLOWING,
     STOPPING,
 )
-from omnimj.control.recovery.tracking import Tracking, TrackingInput, update_tracking
+from omnimj.control.recovery.tracking import Tracking, update_tracking
 from omnimj.control.robot_constants import RobotConstants
 from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.native import inlined, kernel
@@ -153,17 +153,8 @@ def advance_recovery(p, estimate, now, x):
     healthy, demand = x.mode == NORMAL, now.demand
     for i in range(x.traction.size):
         x.traction[i] += min(p.period / _FILTER, 1.0) * (estimate.force[i] - x.traction[i])
-    moved = TrackingInput(
-        estimate.velocity[0],
-        estimate.velocity[1],
-        now.heading,
-        now.yaw_rate,
-        demand.velocity_x,
-        demand.velocity_y,
-        demand.yaw_rate,
-        demand.heading,
-    )
-    update_tracking(x.tracking, moved, p.period, p.arm, healthy, x.mode != SLOWING)
+    integrates = x.mode != SLOWING
+    update_tracking(x.tracking, estimate.velocity, now, p.period, p.arm, healthy, integrates)
     _judge_recovery(x, estimate.decided, now.time)
     speed = math.hypot(demand.velocity_x, demand.velocity_y)
     wave, x.test_left = next_self_test(x.test_left, p.period)
@@ -310,7 +301,10 @@ def _reconfigure(p, x, mode, estimate, now):
 
 @kernel
 def _creep_offsets(p, x, estimate, v_x, v_y, heading):
-    """Offsets of the wheel speeds under their shares of the demanded force, shape (n,) [rad/s]."""
+    """Offsets creep(f*_i)/r of the wheel speeds, which make up for creep, shape (n,) [rad/s].
+
+    f*_i are shares of the demanded force; a wheel that the robot turns about takes one, but gets no offset.
+    """
     n, robot = p.null_space.size, p.robot
     available, most = np.empty(n, np.bool_), np.empty(n)
     for i in range(n):
@@ -319,5 +313,11 @@ def _creep_offsets(p, x, estimate, v_x, v_y, heading):
         most[i] = max(p.strongest * (1.0 - estimate.losses[i]) - robot.dry[i], 0.0)
     # demanded acceleration in the frame that turns with the body: the world one, turned
     a_x, a_y = to_body(x.tracking.acceleration_x, x.tracking.acceleration_y, heading)
-    motion = BodyMotion(v_x, v_y, x.demand.yaw_rate, a_x, a_y, x.tracking.yaw_acceleration)
-    return creep_offsets(robot, p.arm, motion, available, x.pivot, most, x.traction)
+    twist, acceleration = (v_x, v_y, x.demand.yaw_rate), (a_x, a_y, x.tracking.yaw_acceleration)
+    wrench = required_wrench(robot, twist, acceleration, available, x.traction)
+    share, offset = allocate_forces(robot.forces, p.arm, wrench, most, available), np.zeros(n)
+    for i in range(n):
+        if available[i] and i != x.pivot:
+            ratio = math.hypot(robot.forces[0, i], robot.forces[1, i])  # 1/sin γ of its rollers
+            offset[i] = ratio * steady_creep(robot.load, ratio * share[i]) / robot.radius[i]
+    return offset

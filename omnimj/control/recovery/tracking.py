@@ -50,27 +50,6 @@ class Tracking(NamedTuple):
     """Low-passed demanded yaw acceleration [rad/s²]."""
 
 
-class TrackingInput(NamedTuple):
-    """Estimated and demanded motion of one step."""
-
-    velocity_x: float
-    """Estimated body velocity, body frame [m/s]."""
-    velocity_y: float
-    """Estimated body velocity, body frame [m/s]."""
-    heading: float
-    """Estimate [rad]."""
-    yaw_rate: float
-    """Gyro less its bias [rad/s]."""
-    demand_x: float
-    """World demand [m/s]."""
-    demand_y: float
-    """World demand [m/s]."""
-    demand_yaw_rate: float
-    """[rad/s]"""
-    demand_heading: float
-    """Planned heading [rad]."""
-
-
 @kernel
 def _low_pass(old, new, h, time):
     return old + min(h / time, 1.0) * (new - old)
@@ -83,40 +62,42 @@ def _acceleration(before, last, now, h, largest):
 
 
 @kernel
-def update_tracking(x, now, h, arm, healthy, integrates):
+def update_tracking(x, velocity, now, h, arm, healthy, integrates):
     """Update the tracking by one step, in place.
 
     Args:
       x: `Tracking`, a field of a record, changed in place.
-      now: `TrackingInput`.
+      velocity: Estimated body velocity, body frame, shape (2,) [m/s].
+      now: `RecoveryInput`.
       h: Control period [s].
       arm: Length that turns a yaw rate into a speed [m].
       healthy: Whether no fault stands.
       integrates: Whether the body velocity is known well enough to integrate the position error.
     """
+    demand = now.demand
     c, s = math.cos(now.heading), math.sin(now.heading)
-    off_x = now.demand_x - (c * now.velocity_x - s * now.velocity_y)
-    off_y = now.demand_y - (s * now.velocity_x + c * now.velocity_y)
+    off_x = demand.velocity_x - (c * velocity[0] - s * velocity[1])
+    off_y = demand.velocity_y - (s * velocity[0] + c * velocity[1])
     place_x, place_y = x.place_x, x.place_y
     if integrates:
         place_x, place_y = place_x + h * off_x, place_y + h * off_y
     if healthy:
         place_x, place_y = _low_pass(place_x, 0.0, h, _PLACE_FADES), _low_pass(place_y, 0.0, h, _PLACE_FADES)
-        error = wrapped(now.heading - now.demand_heading - x.heading_offset)
+        error = wrapped(now.heading - demand.heading - x.heading_offset)
         x.heading_offset += min(h / _OFFSET_SETTLES, 1.0) * error
     far = math.hypot(place_x, place_y)
     if far > _LARGEST_PLACE:
         place_x, place_y = place_x * _LARGEST_PLACE / far, place_y * _LARGEST_PLACE / far
     x.place_x, x.place_y = place_x, place_y
-    off = math.hypot(off_x, off_y) + arm * abs(now.demand_yaw_rate - now.yaw_rate)
+    off = math.hypot(off_x, off_y) + arm * abs(demand.yaw_rate - now.yaw_rate)
     x.error = _low_pass(x.error, off, h, _SHORT)
     if healthy:
         x.usual_error = max(x.error, _low_pass(x.usual_error, 0.0, h, _LONG))
-    x.acceleration_x = _acceleration(x.acceleration_x, x.demand_x, now.demand_x, h, _LARGEST)
-    x.acceleration_y = _acceleration(x.acceleration_y, x.demand_y, now.demand_y, h, _LARGEST)
+    x.acceleration_x = _acceleration(x.acceleration_x, x.demand_x, demand.velocity_x, h, _LARGEST)
+    x.acceleration_y = _acceleration(x.acceleration_y, x.demand_y, demand.velocity_y, h, _LARGEST)
     x.yaw_acceleration = _acceleration(
-        x.yaw_acceleration, x.demand_yaw_rate, now.demand_yaw_rate, h, _LARGEST / arm
+        x.yaw_acceleration, x.demand_yaw_rate, demand.yaw_rate, h, _LARGEST / arm
     )
-    x.demand_x, x.demand_y, x.demand_yaw_rate = now.demand_x, now.demand_y, now.demand_yaw_rate
+    x.demand_x, x.demand_y, x.demand_yaw_rate = demand.velocity_x, demand.velocity_y, demand.yaw_rate
     if healthy:
         x.hardest = max(x.hardest, math.hypot(x.acceleration_x, x.acceleration_y))

@@ -141,7 +141,6 @@ def standing_constants(changed: AppliedEffects, mass: float) -> PlanarConstants:
 
 FreeCurve = tuple[str, Array, tuple[float, float]]
 """Free force over one variable: its name, the force at the knots, shape (KNOTS,) [N], first and last knot."""
-_LAST_CURVE = 1  # the model file's own tabulated force has the first place
 
 
 def with_free_curve(terms: Array, curve: FreeCurve | None) -> Array:
@@ -149,7 +148,7 @@ def with_free_curve(terms: Array, curve: FreeCurve | None) -> Array:
     changed = terms.copy()
     if curve is not None:
         over, force, ends = curve
-        write_curve(changed, _LAST_CURVE, over, force.tolist(), *ends)
+        write_curve(changed, over, force.tolist(), *ends)
         mark_active(changed)
     return changed
 

@@ -6,13 +6,11 @@ import hashlib
 import hmac
 import itertools
 import os
-import secrets
 import stat
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
-from omnimj.errors import InputError, write_failure
+from omnimj.errors import InputError
 from omnimj.link.codec.layout import TAG_SIZE, DropReason
 
 KEY_SIZE = 32
@@ -26,18 +24,6 @@ _MAX_FILE_SIZE = 200
 _PRIVATE = (0o600, 0o400)
 _SESSION_OFFSET = 4  # of the session number in the header
 _SESSION_LABEL = b"omnimj session 2"
-
-
-class FrameKey(Protocol):
-    """Source of the tags of frames."""
-
-    def tag(self, content: bytes) -> bytes:
-        """Authentication tag of header and payload, 16 bytes."""
-        ...
-
-    def verify(self, content: bytes, tag: bytes) -> DropReason | None:
-        """Reason to reject the tag, or None."""
-        ...
 
 
 class Key:
@@ -105,6 +91,10 @@ class SessionKeys:
         return self._session_key
 
 
+FrameKey = Key | SessionKeys
+"""Source of the tags of frames."""
+
+
 def is_weak(secret: bytes) -> bool:
     """True if bytes are all equal, repeat, or count up, so that they are no random key."""
     steps = {(b - a) % 256 for a, b in itertools.pairwise(secret)}
@@ -122,7 +112,7 @@ def read_key(path: str | Path) -> Key:
         with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise InputError(path, "no regular file", "a key file is needed")
+                raise InputError(path, "is not a regular file", "a key file is needed")
             mode = stat.S_IMODE(status.st_mode)
             if os.name == "posix" and mode not in _PRIVATE:
                 raise InputError(path, f"mode {mode:04o}", "a key file must have mode 0600 (chmod 600)")
@@ -130,24 +120,8 @@ def read_key(path: str | Path) -> Key:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "a key file is needed") from None
     if len(digits) != 2 * KEY_SIZE or digits.strip(b"0123456789abcdefABCDEF"):
-        raise InputError(path, "no key", f"{2 * KEY_SIZE} hexadecimal digits are needed")
+        raise InputError(path, "contains no key", f"{2 * KEY_SIZE} hexadecimal digits are needed")
     secret = bytes.fromhex(digits.decode("ascii"))
     if is_weak(secret):
         raise InputError(path, "too regular to be random", f"{KEY_SIZE} random bytes are needed")
     return Key(secret)
-
-
-def make_key_file(path: str | Path) -> None:
-    """Write a new random key to a new file with mode 0600.
-
-    Raises:
-      InputError: The file exists.
-      OutputError: It cannot be written.
-    """
-    try:
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(secrets.token_hex(KEY_SIZE).encode("ascii") + b"\n")
-    except FileExistsError:
-        raise InputError(path, "exists already", "a key file is always a new file") from None
-    except OSError as error:
-        raise write_failure(path, error) from None

@@ -156,7 +156,8 @@ class DeviceServer:
         if reason is DropReason.PROTOCOL and not self._has_reported:
             self._has_reported = True
             sender = "the host" if peer is None else f"the host at {peer}"
-            self._report(f"{sender} speaks protocol {packet[0]}, this device {PROTOCOL}: it is refused")
+            own = f"this device protocol {PROTOCOL}; the connection is refused"
+            self._report(f"{sender} uses protocol {packet[0]}, {own}")
 
     def _tick(self, now: float) -> None:
         period, timing = self._config.period, self.timing

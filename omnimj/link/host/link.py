@@ -177,7 +177,8 @@ class Link:
     def _refuse_version(self, reason: DropReason, packet: bytes) -> None:
         """End the request of a session if the device speaks another version of the protocol."""
         if reason is DropReason.PROTOCOL and self.host.state is HostState.ASKING:
-            self.stop(f"{self.name} speaks protocol {packet[0]}, this host {PROTOCOL}: it is refused")
+            own = f"this host protocol {PROTOCOL}; the connection is refused"
+            self.stop(f"{self.name} uses protocol {packet[0]}, {own}")
 
     def wait(self, until: float, holds: Callable[[], bool] = lambda: False) -> bool:
         """Process frames until `holds()` is true or the time `until` [s], applying the host's time limits.

@@ -8,6 +8,9 @@ A sensor callback would do no more, but makes MuJoCo compute the momentum of all
 They act only on models that carry the mark of this package, are pure functions of mjModel and mjData, and
 allocate nothing that outlives the call; hence `mj_forward` has no side effect and a batch on many threads
 equals a serial loop bit for bit.
+
+In the kernels `m` and `d` are the addresses of mjModel and mjData, `own` and `act` those of a wheel's slots
+and activations.
 """
 
 from __future__ import annotations
@@ -116,8 +119,6 @@ def set_activation_rates(m, d, actuator):
     """Write act_dot = (next − now)/h of a wheel's current and bristles, exact for constant velocities.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       actuator: Index of the actuator; one that is not of a wheel is left alone.
     """
     if actuator >= wheel_count(m):
@@ -195,8 +196,6 @@ def repeat_callbacks(m, d, times):
     """Repeat the callbacks of one step on a frozen state, to measure their cost.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       times: Number of repetitions.
     """
     for _ in range(times):

@@ -4,6 +4,10 @@ Per contact: depth d and its rate, slip velocity V_r along the driving direction
 wheel, without the spin of the roller. Per wheel: the normal force is that of its deepest roller, shared among
 rollers with similar normals in proportion to their depth, so that a change of roller reflects the geometry
 and not a second spring; traction and roller friction follow with one bristle each.
+
+In the kernels `m` and `d` are the addresses of mjModel and mjData, `own` that of a wheel's slots, `wheel` its
+index; x, y, z is a point in the world [m], h the step [s]. `found` contains the contact rows of
+`gather_contacts`, shape (MAX_CONTACTS, COLUMNS), of which `count` are filled.
 """
 
 from __future__ import annotations
@@ -72,13 +76,7 @@ class WheelForces(NamedTuple):
 
 @kernel
 def write_sensed(d, own, forces):
-    """Write the contact forces of a wheel into its user sensor.
-
-    Args:
-      d: Address of mjData.
-      own: Address of the wheel's slots.
-      forces: `WheelForces`.
-    """
+    """Write the contact forces of a wheel into its user sensor."""
     sensors = load_pointer(d + OFFSETS.d_sensordata)
     first = numba.int64(load_real(own, slots.SENSOR))
     for k in range(SENSED):
@@ -106,12 +104,7 @@ def point_velocity(m, d, body, x, y, z):
     """Compute the velocity of a point fixed to a body, world frame [m/s].
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       body: Index of the body.
-      x: Coordinate of the point, world frame [m].
-      y: Coordinate of the point, world frame [m].
-      z: Coordinate of the point, world frame [m].
     """
     root = load_int(load_pointer(m + OFFSETS.m_body_rootid), body)
     com = load_pointer(d + OFFSETS.d_subtree_com) + 24 * root
@@ -126,30 +119,23 @@ def point_velocity(m, d, body, x, y, z):
 
 
 @kernel
-def floor_under(m, d, wheel_slots, geom, x, y, z):
+def floor_under(m, d, own, geom, x, y, z):
     """Find the geom that is the floor at a point: the wheel's override, a patch, or the geom itself.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      wheel_slots: Address of the wheel's slots.
       geom: Index of the floor's geom that the roller touches.
-      x: Coordinate of the point, world frame [m].
-      y: Coordinate of the point, world frame [m].
-      z: Coordinate of the point, world frame [m].
 
     Returns:
       Index of a geom.
     """
-    override = load_real(wheel_slots, slots.FLOOR_OVERRIDE)
+    override = load_real(own, slots.FLOOR_OVERRIDE)
     if override >= 0.0:
         return numba.int64(override)
     users = load_pointer(m + OFFSETS.m_geom_user)
-    width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
-    own = users + width * geom
+    floor = users + 8 * load_pointer(m + OFFSETS.m_nuser_geom) * geom
     # patches are in the order of the scenario, the last one on top
-    for k in range(numba.int64(load_real(own, slots.PATCH_COUNT)) - 1, -1, -1):
-        patch = numba.int64(load_real(own, slots.FIRST_PATCH)) + k
+    for k in range(numba.int64(load_real(floor, slots.PATCH_COUNT)) - 1, -1, -1):
+        patch = numba.int64(load_real(floor, slots.FIRST_PATCH)) + k
         place = load_pointer(d + OFFSETS.d_geom_xpos) + 24 * patch
         axes = load_pointer(d + OFFSETS.d_geom_xmat) + 72 * patch
         half = load_pointer(m + OFFSETS.m_geom_size) + 24 * patch  # half length, half width, …
@@ -162,14 +148,11 @@ def floor_under(m, d, wheel_slots, geom, x, y, z):
 
 
 @kernel
-def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, row):
+def describe_contact(m, d, contact, own, roller_geom, floor_geom, sign, row):
     """Fill the row of a contact with its geometry and velocities.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       contact: Address of mjContact.
-      wheel_slots: Address of the wheel's slots.
       roller_geom: Index of the roller's geom.
       floor_geom: Index of the floor's geom.
       sign: 1 if the normal of the contact points from floor to roller, −1 if from roller to floor.
@@ -187,7 +170,7 @@ def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, 
     x = load_real(pos, 0) - 0.5 * depth * nx
     y = load_real(pos, 1) - 0.5 * depth * ny
     z = load_real(pos, 2) - 0.5 * depth * nz
-    wheel_body = numba.int64(load_real(wheel_slots, slots.WHEEL_BODY))
+    wheel_body = numba.int64(load_real(own, slots.WHEEL_BODY))
     axes = load_pointer(d + OFFSETS.d_xmat) + 72 * wheel_body
     ax, ay, az = load_real(axes, 1), load_real(axes, 4), load_real(axes, 7)  # axle: the wheel's y axis
     tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
@@ -197,7 +180,7 @@ def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, 
     tx, ty, tz = tx / length, ty / length, tz / length
     sx, sy, sz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
     # traction acts along the roller axis, rolling across it: t and s on an omni wheel
-    sin, cos = load_real(wheel_slots, slots.ROLLER_SIN), load_real(wheel_slots, slots.ROLLER_COS)
+    sin, cos = load_real(own, slots.ROLLER_SIN), load_real(own, slots.ROLLER_COS)
     ux, uy, uz = sin * tx + cos * sx, sin * ty + cos * sy, sin * tz + cos * sz
     sx, sy, sz = sin * sx - cos * tx, sin * sy - cos * ty, sin * sz - cos * tz
     tx, ty, tz = ux, uy, uz
@@ -208,7 +191,7 @@ def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, 
         ux, uy, uz = point_velocity(m, d, floor_body, x, y, z)
         vx, vy, vz = vx - ux, vy - uy, vz - uz
     row[ROLLER_BODY] = load_int(geom_body, roller_geom)
-    row[FLOOR_GEOM] = floor_under(m, d, wheel_slots, floor_geom, x, y, z)
+    row[FLOOR_GEOM] = floor_under(m, d, own, floor_geom, x, y, z)
     row[FLOOR_BODY] = floor_body
     row[DEPTH] = depth
     row[DEPTH_RATE] = -(nx * vx + ny * vy + nz * vz)
@@ -226,8 +209,6 @@ def gather_contacts(m, d, only, found):
     """Write the touching contacts of one wheel or all wheels.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       only: Index of the wheel; all wheels when negative.
       found: Rows to fill, shape (MAX_CONTACTS, COLUMNS).
 
@@ -272,9 +253,6 @@ def share_normal_force(found, count, wheel, stiffness, damping):
     with normals 60° apart are separate springs; parallel ones share a single spring.
 
     Args:
-      found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
-      count: Number of contacts.
-      wheel: Index of the wheel.
       stiffness: Stiffness k of the contact [N/m].
       damping: Damping c of the contact [N.s/m].
 
@@ -307,14 +285,6 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     Traction of contact i: N_i (N/F_ref)^(p−1) f(z, V_r,i), N = Σ N_i, on the floor under it, with one bristle
     z for the wheel; bearing friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one
     lateral bristle; `traction.rolling_resistance` of the floor under it, on wheel and rollers.
-
-    Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      wheel: Index of the wheel.
-      found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
-      count: Number of contacts.
-      h: Step [s].
 
     Returns:
       `WheelForces`.
@@ -363,7 +333,6 @@ def wheel_frame_force(own, traction, lateral):
     """Resolve the floor force F a + L b along u and the axle; a: roller axis, b = n × a.
 
     Args:
-      own: Address of the wheel's slots.
       traction: Force F along the roller axis [N].
       lateral: Force L across the roller axis [N].
 

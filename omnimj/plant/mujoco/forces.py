@@ -1,4 +1,10 @@
-"""Forces of wheels, motors and rail, including effects, added to MuJoCo's passive forces."""
+"""Forces of wheels, motors and rail, including effects, added to MuJoCo's passive forces.
+
+In the kernels `m` and `d` are the addresses of mjModel and mjData, `own` that of a wheel's slots, `act` that
+of its activations, `wheel` its index, and h is the step [s]. `found` contains the contact rows after
+`wheel_contact_forces`, shape (MAX_CONTACTS, COLUMNS), of which `count` are filled; `load` is the `AxleLoad`,
+`motor` the `MotorParameters` of the wheel.
+"""
 
 from __future__ import annotations
 
@@ -77,8 +83,6 @@ def add_force(m, d, body, point, force, watched):
     """Add a force at a point of a body to qfrc_passive: Jᵀf along the body's chain of joints.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       body: Index of the body.
       point: x, y, z in the world [m].
       force: x, y, z in the world [N].
@@ -153,13 +157,7 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
     """Apply normal force, traction and roller friction of one wheel's contacts.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      wheel: Index of the wheel.
-      found: Contact rows, filled by `wheel_contact_forces`.
-      count: Number of contacts.
       second: Index of a further degree of freedom to report besides the axle; −1: none.
-      h: Step [s].
 
     Returns:
       Torque of the floor about the axle [N.m], and generalised force on `second`.
@@ -188,17 +186,7 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
 
 @kernel
 def coast_rollers(m, d, own, wheel, found, count, h):
-    """Slow lifted rollers down by the grease of their bearings: torque −I ω/τ.
-
-    Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      own: Address of the wheel's slots.
-      wheel: Index of the wheel.
-      found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
-      count: Number of contacts.
-      h: Step [s].
-    """
+    """Slow lifted rollers down by the grease of their bearings: torque −I ω/τ."""
     first = numba.int64(load_real(own, slots.FIRST_ROLLER_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     spin = load_pointer(d + OFFSETS.d_qvel)
@@ -268,10 +256,6 @@ def motor_with_effects(m, d, own, wheel, limited):
     """`MotorParameters` of a wheel at this time.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      own: Address of the wheel's slots.
-      wheel: Index of the wheel.
       limited: Whether current limits, and hence the supply shared by the motors, matter.
     """
     motor = motor_of(own)
@@ -304,12 +288,7 @@ def _axle_torque_with_effects(d, own, act, motor, resistance, h):
     """`AxleTorque` of motor, friction and effects; its `other` excludes the torque of the floor.
 
     Args:
-      d: Address of mjData.
-      own: Address of the wheel's slots.
-      act: Address of its activations.
-      motor: `MotorParameters`.
       resistance: Dry friction of bearings and rolling in the model [N.m].
-      h: Step [s].
     """
     terms = terms_of(own)
     gap, rate = load_real(act, slots.BACKLASH), load_real(act, slots.BACKLASH_RATE)
@@ -326,13 +305,8 @@ def _step_backlash(m, d, own, act, torque, ahead, h):
     Both therefore use −r F as the torque of the floor, although the passive forces have a more exact value.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      own: Address of the wheel's slots.
-      act: Address of its activations.
       torque: Torque from `_axle_torque_with_effects`.
       ahead: Force F of the floor along the driving direction [N].
-      h: Step [s].
     """
     terms = terms_of(own)
     gap, rate = load_real(act, slots.BACKLASH), load_real(act, slots.BACKLASH_RATE)
@@ -344,17 +318,7 @@ def _step_backlash(m, d, own, act, torque, ahead, h):
 
 @kernel
 def backlash_after(m, d, own, act, motor, load, h):
-    """Angle and rate of the rotor relative to the wheel after a step [rad, rad/s].
-
-    Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      own: Address of the wheel's slots.
-      act: Address of its activations.
-      motor: `MotorParameters`.
-      load: `AxleLoad`.
-      h: Step [s].
-    """
+    """Angle and rate of the rotor relative to the wheel after a step [rad, rad/s]."""
     resistance = _axle_resistance(own, load, wheel_speed_of(d, own))
     torque = _axle_torque_with_effects(d, own, act, motor, resistance, h)
     _, gap, rate, _ = _step_backlash(m, d, own, act, torque, load.ahead, h)
@@ -366,13 +330,7 @@ def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
     """Add motor and gear, no-load, bearing and rolling friction, and brake as one set-valued torque.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      wheel: Index of the wheel.
-      own: Address of the wheel's slots.
-      load: `AxleLoad`.
       floor_torque: Torque of the floor about the axle [N.m].
-      h: Step [s].
     """
     act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
     wheel_speed, inertia = wheel_speed_of(d, own), axle_inertia(m, own)
@@ -402,11 +360,7 @@ def add_hub_forces(m, d, wheels, own, h):
     """Add the effects that act along the driving direction of a wheel, and its share of the air drag.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
       wheels: Number of wheels.
-      own: Address of the wheel's slots.
-      h: Step [s].
     """
     body = numba.int64(load_real(own, slots.WHEEL_BODY))
     axes = load_pointer(d + OFFSETS.d_xmat) + 72 * body
@@ -464,14 +418,9 @@ def add_rail_friction(m, d, own, joint, load, lateral_speed, pull, h):
     M_D = F_N d − m_T g e − G c.
 
     Args:
-      m: Address of mjModel.
-      d: Address of mjData.
-      own: Address of the wheel's slots.
       joint: Index of the rail's joint.
-      load: `AxleLoad`.
       lateral_speed: Lateral speed of the wheel [m/s].
       pull: Force of the wheel on the carriage [N].
-      h: Step [s].
     """
     rail = load_pointer(m + OFFSETS.m_jnt_user) + 8 * load_pointer(m + OFFSETS.m_nuser_jnt) * joint
     dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), joint)

@@ -1,4 +1,4 @@
-"""New files of a machine: its MJCF with changed values, and the TOML file with what MJCF cannot say.
+"""New files of a machine: its MJCF with changed values, and the TOML file with what MJCF cannot express.
 
 The text of the MJCF file is kept but for the attributes that change; one assembled from several files is
 written as a whole by MuJoCo, with six digits.
@@ -19,6 +19,7 @@ import tomlkit
 
 from omnimj.effects import MJCF, Interval, find_effect
 from omnimj.effects.mjcf import NO_LIMIT
+from omnimj.effects.model_writer import effect_entry
 from omnimj.effects.parts import ACTUATOR, BODY, JOINT, Part, PartChanges
 from omnimj.errors import InputError
 from omnimj.plant.mujoco.machine import Machine, apply_part_effects
@@ -44,7 +45,7 @@ SAID = (
     "payload",
     "grade",
 )
-"""Effects that MJCF can say; they become values of the MJCF file."""
+"""Effects that MJCF can express; they become values of the MJCF file."""
 _ACTUATORS = ("general", "motor", "position", "velocity", "damper", "dcmotor")
 _COMMON = {
     *("name", "class", "group", "joint", "jointinparent", "gear", "ctrllimited", "ctrlrange"),
@@ -216,10 +217,11 @@ def facts_text(
     Args:
       machine: The machine.
       values: New values of all quantities.
-      effects: Effects that MJCF cannot say.
+      effects: Effects that MJCF cannot express.
     """
     document = tomlkit.document()
-    document.add(tomlkit.comment("Half widths of what is uncertain, and the effects that MJCF cannot say."))
+    words = "Half widths of what is uncertain, and the effects that MJCF cannot express."
+    document.add(tomlkit.comment(words))
     for one in machine.uncertain:
         kind, name, key = one.part
         entry = tomlkit.inline_table()
@@ -245,14 +247,7 @@ def _effect_table(machine: Machine, name: str, given: Mapping[str, Any]) -> Any:
         table[selector.name] = given[selector.name]
     for parameter in effect.parameters:
         value = given[parameter.name]
-        entry = tomlkit.inline_table()
         number = value.value if isinstance(value, Interval) else value
         unit = machine.unit(effect, parameter.unit, given)
-        entry.update({"value": float(number), "unit": unit, "source": "identified"})
-        if isinstance(value, Interval):
-            for bound in ("low", "high"):
-                limit = getattr(value, bound)
-                if limit is not None and math.isfinite(limit):
-                    entry[bound] = float(limit)
-        table[parameter.name] = entry
+        table[parameter.name] = effect_entry(float(number), unit, value)
     return table

@@ -75,7 +75,6 @@ class Offsets(NamedTuple):
     d_subtree_com: int
     d_xmat: int
     d_xpos: int
-    d_xaxis: int
     d_geom_xpos: int
     d_geom_xmat: int
     d_qfrc_passive: int

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from omnimj.control.cascade.allocation import SCALES
-from omnimj.control.detection.detector import OPTION_FLAGS, DetectorOptions, checked_options
+from omnimj.control.detection.detector import OPTION_FLAGS, THRESHOLD_SETS, VARIANTS, DetectorOptions
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.mjcf_model import MJCF_SUFFIX
 from omnimj.parameters.reading import Rule, check_choice, check_flag, check_number, require_keys
@@ -128,16 +127,16 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed", DIAGNOSIS_KEYS)
     require_keys(place, table, DIAGNOSIS_KEYS)
-    usual, floor = DetectorOptions(), table.get("floor")
+    floor = table.get("floor")
     if floor is not None and not isinstance(floor, str):
         raise InputError(f"{place}.floor", f"found {floor!r}", "a string is needed")
-    options = checked_options(
-        table.get("variant", usual.variant),
-        table.get("thresholds", usual.thresholds),
-        {name: table[name] for name in OPTION_FLAGS if name in table},
-        place,
-    )
-    return dataclasses.replace(options, floor=floor)
+    choices = {"variant": ("variant", VARIANTS), "thresholds": ("set of thresholds", THRESHOLD_SETS)}
+    for key, (kind, known) in choices.items():
+        if key in table:
+            check_choice(f"{place}.{key}", table[key], known, kind)
+    for name in OPTION_FLAGS:
+        check_flag(f"{place}.{name}", table.get(name, False))
+    return DetectorOptions(**table)
 
 
 def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:

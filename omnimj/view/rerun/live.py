@@ -12,8 +12,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from omnimj.control.cascade.allocation import inverse_kinematics
 from omnimj.parameters import Robot
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.plant.faults import fault_record
 from omnimj.plant.interface import Plant
 from omnimj.signals import Array, Reference, Trace
@@ -225,7 +225,7 @@ class DeadReckoning:
 
     def __init__(self, robot: Robot):
         """Begin at the origin with all wheel angles zero."""
-        inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions)
+        inverse = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
         self._twist = robot.wheel.radius * np.linalg.pinv(inverse)[:2]
         self._place = np.zeros(2)
         self._turned = np.zeros(len(robot.wheels))

@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from published_map import published_jacobian
 
-from omnimj.control.cascade.allocation import inverse_kinematics, published_map, wheel_speed_target
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.control.cascade.allocation import checked_weights, published_map, wheel_speed_target
+from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.physics.kinematics import published_jacobian, rolling_matrix
+from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 
 ROBOT = read_robot()
 P, U, L = ROBOT.wheel_positions, ROBOT.drive_directions, 0.25
@@ -33,27 +34,24 @@ def test_published_map_of_this_robot_is_the_printed_jacobian():
 
 @given(st.tuples(*[st.floats(0.01, 1e4)] * 4), TWIST)
 def test_published_scale_is_equations_3_12_to_3_15(weights, twist):
-    found = inverse_kinematics(P, U, "published", weights) @ twist
+    found = weighted_inverse(published_map(P, U), weights) @ twist
     np.testing.assert_allclose(found, printed_solution(weights, *twist), atol=1e-9)
 
 
 @given(TWIST)
-def test_corrected_scale_rolls_without_slip_and_published_is_half_and_a_quarter_of_it(twist):
-    a = rolling_matrix(P, U)
-    np.testing.assert_allclose(inverse_kinematics(P, U) @ twist, a @ twist, atol=1e-12)
-    scaled = a @ (np.array([0.5, 0.5, 0.25]) * twist)
-    np.testing.assert_allclose(inverse_kinematics(P, U, "published") @ twist, scaled, atol=1e-12)
+def test_published_scale_is_half_and_a_quarter_of_rolling(twist):
+    scaled = rolling_matrix(P, U) @ (np.array([0.5, 0.5, 0.25]) * twist)
+    published = weighted_inverse(published_map(P, U), np.ones(4))
+    np.testing.assert_allclose(published @ twist, scaled, atol=1e-12)
 
 
 def test_three_wheels_are_enough():
     angles = np.radians([0.0, 120.0, 240.0])
     p = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
     u = np.column_stack([-np.sin(angles), np.cos(angles)])
-    rolling = inverse_kinematics(p, u)
-    np.testing.assert_allclose(rolling @ [0.0, 0.0, 1.0], np.full(3, 0.2))
-    np.testing.assert_allclose(
-        published_map(p, u) @ inverse_kinematics(p, u, "published"), np.eye(3), atol=1e-12
-    )
+    np.testing.assert_allclose(rolling_matrix(p, u) @ [0.0, 0.0, 1.0], np.full(3, 0.2))
+    forward = published_map(p, u)
+    np.testing.assert_allclose(forward @ weighted_inverse(forward, np.ones(3)), np.eye(3), atol=1e-12)
 
 
 def test_wheel_speed_target_is_the_matrix_product():
@@ -62,9 +60,7 @@ def test_wheel_speed_target_is_the_matrix_product():
     np.testing.assert_allclose(found, b @ [0.3, -0.2, 1.1])
 
 
-def test_bad_scale_and_weights_are_named():
-    with pytest.raises(UnknownNameError, match=r"scale 'printed'.*corrected, published"):
-        inverse_kinematics(P, U, "printed")
+def test_bad_weights_are_named():
     for weights in ([1.0, 1.0], [1.0, 0.0, 1.0, 1.0], [1.0, np.nan, 1.0, 1.0]):
         with pytest.raises(InputError, match=r"weights: .*4 positive numbers"):
-            inverse_kinematics(P, U, "published", weights)
+            checked_weights(weights, 4)

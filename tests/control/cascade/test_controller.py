@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from published_map import rotation
 
 from omnimj.control import Controller, Reason, Target, target_at
 from omnimj.control.cascade.heading import LARGEST_BIAS, is_standing
-from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
-from omnimj.physics.kinematics import rolling_matrix, rotation
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Measurement, Reference
 
 ROBOT = read_robot()
@@ -60,14 +60,6 @@ def test_wheel_targets_are_the_rolling_speeds_of_the_demand_in_the_body_frame():
     # the heading has moved on by a step of the gyro when it is used
     np.testing.assert_allclose(found, rolling, atol=0.02)
     assert log["heading_estimate"] == pytest.approx(heading, abs=1e-3)
-
-
-def test_published_scale_commands_half_the_speed():
-    wheel = {
-        s: first_step(measured(), target(x=0.5), scale=s)[2]["target_wheel_speed_4"]
-        for s in ("corrected", "published")
-    }
-    assert wheel["published"] == pytest.approx(0.5 * wheel["corrected"])
 
 
 def test_yaw_loop_answers_the_gyro_and_heading_hold_the_heading():
@@ -214,10 +206,3 @@ def test_targets_come_from_the_reference_and_stand_still_after_its_end():
     assert target_at(reference, 1).heading == 0.1
     late = target_at(reference, 3)
     assert late.velocity.tolist() == [0.0, 0.0] and (late.yaw_rate, late.heading) == (0.0, 0.2)
-
-
-def test_bad_choices_are_refused_when_the_controller_is_made():
-    with pytest.raises(UnknownNameError, match="corrected, published"):
-        Controller(ROBOT, scale="printed")
-    with pytest.raises(InputError, match="4 positive numbers"):
-        Controller(ROBOT, scale="published", weights=[1.0, -1.0, 1.0, 1.0])

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from steady_driving import steady_wheel_speeds
 
 from omnimj.control import Controller, Target
 from omnimj.control.cascade.creep import creep_parameters
@@ -11,7 +12,6 @@ from omnimj.effects import with_effects
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import all_floors
-from omnimj.physics.inverse_equilibrium import steady_wheel_speeds
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.resources import models_folder
 from omnimj.signals import Measurement

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import representative
+from sampled_sensors import sample
 
 from omnimj.control import Controller, ControlState, Target
 from omnimj.control.cascade.heading import (
@@ -47,7 +48,7 @@ def readings(seed: int, seconds: float, bias: float, yaw_rate: float = 0.0) -> l
     turning, still = wheels_at(yaw_rate), np.zeros(4)
     found = []
     for k in range(round(seconds / H)):
-        m = sensors.measure(k * H, still, turning, np.zeros(2), yaw_rate, yaw_rate * k * H)
+        m = sample(sensors, k * H, still, turning, np.zeros(2), yaw_rate, yaw_rate * k * H)
         found.append(dataclasses.replace(m, yaw_rate=m.yaw_rate + bias))
     return found
 

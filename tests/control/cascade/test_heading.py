@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from published_map import rotation
 
 from omnimj.control.cascade.heading import (
     YawRateGain,
@@ -15,7 +16,6 @@ from omnimj.control.cascade.heading import (
     yaw_rate_gain,
 )
 from omnimj.parameters import read_robot
-from omnimj.physics.kinematics import rotation
 
 H, GYRO_RANGE = 1e-3, 6.981
 ROBOT, LAGGING = read_robot(), YawRateGain(6.0, 0.25, 0.99)

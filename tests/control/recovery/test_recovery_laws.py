@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from steady_driving import settled_ratio
 
 from omnimj.control.gains import RecoveryGains
 from omnimj.control.records import packed
@@ -32,7 +33,6 @@ from omnimj.control.recovery.force_allocation import steady_creep
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_floors, read_robot
 from omnimj.physics.native import kernel
-from omnimj.physics.traction import steady_ratio
 
 ROBOT = read_robot()
 CONSTANTS = robot_constants(ROBOT)
@@ -135,5 +135,5 @@ def test_a_place_is_driven_back_slowly_and_only_while_the_robot_is_to_move(e_x, 
 @pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
 @pytest.mark.parametrize("slip", [-0.1, -0.03, 0.03, 0.1])
 def test_the_creep_of_every_measured_floor_is_predicted_within_two_centimetres_a_second(floor, slip):
-    traction = steady_ratio(read_floors()[floor].traction, slip, 0.0) * CONSTANTS.load
+    traction = settled_ratio(read_floors()[floor].traction, slip, 0.0) * CONSTANTS.load
     assert steady_creep(CONSTANTS.load, traction) == pytest.approx(slip, abs=0.025)

@@ -8,7 +8,7 @@ import os
 import pytest
 
 from omnimj.errors import InputError
-from omnimj.link.codec.key import Key, SessionKeys, make_key_file, read_key
+from omnimj.link.codec.key import Key, SessionKeys, read_key
 from omnimj.link.codec.layout import DropReason
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="file modes are of POSIX")
@@ -51,19 +51,6 @@ def test_anything_else_is_no_key_and_its_content_is_not_printed(written, text):
         read_key(written(text))
     assert "64 hexadecimal digits" in str(caught.value)
     assert not text or text not in str(caught.value)
-
-
-def test_a_key_file_is_made_once_and_never_overwritten(tmp_path):
-    path = tmp_path / "new"
-    make_key_file(path)
-    assert path.stat().st_mode & 0o777 == 0o600
-    before = path.read_bytes()
-    assert isinstance(read_key(path), Key)
-    with pytest.raises(InputError, match="new file"):
-        make_key_file(path)
-    assert path.read_bytes() == before
-    make_key_file(tmp_path / "other")
-    assert (tmp_path / "other").read_bytes() != before
 
 
 def test_what_is_no_plain_file_is_refused(tmp_path):

@@ -147,7 +147,8 @@ def test_a_host_of_another_protocol_is_refused_in_one_line():
         packet = of_protocol(encode(Frame(Hello(5), 0, sequence, 0)), 1)
         served.receives(packet, ("10.0.0.9", 4000))
     host = "the host at ('10.0.0.9', 4000)"
-    assert served.lines == [f"{host} speaks protocol 1, this device {PROTOCOL}: it is refused"]
+    refused = f"uses protocol 1, this device protocol {PROTOCOL}; the connection is refused"
+    assert served.lines == [f"{host} {refused}"]
     assert served.net.sent == {} and served.device.dropped == 5
 
 
@@ -155,7 +156,8 @@ def test_a_device_of_another_protocol_is_refused_in_one_line():
     world = World()
     old = of_protocol(encode(Frame(Ping(1), 5, 1, 0)), 1)
     world.server.serve_once = lambda longest: world.wire.inject(old, to_device=False)
-    with pytest.raises(LinkLost, match=f"speaks protocol 1, this host {PROTOCOL}: it is refused"):
+    refused = f"uses protocol 1, this host protocol {PROTOCOL}; the connection is refused"
+    with pytest.raises(LinkLost, match=refused):
         world.plant.reset()
     world.close()
 

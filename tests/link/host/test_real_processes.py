@@ -17,11 +17,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from key_files import make_key_file
 from wired_devices import PERIOD, ROBOT, WIRING
 
 from omnimj.cli.main import main
 from omnimj.link.codec.frames import decode
-from omnimj.link.codec.key import make_key_file
 from omnimj.link.codec.messages import (
     Command,
     Fault,

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from key_files import make_key_file
 from wired_devices import WIRING, planar, served
 
 import omnimj
 import omnimj.link
 from omnimj.errors import LinkLost
 from omnimj.link.calibration import canonical_text
-from omnimj.link.codec.key import make_key_file, read_key
+from omnimj.link.codec.key import read_key
 from omnimj.link.codec.messages import FaultCode, Status
 from omnimj.link.host.link import open_link
 from omnimj.parameters import read_robot

@@ -22,7 +22,7 @@ def matching_lags(sensors: Sensors) -> np.ndarray:
     """Lags that make currents and accelerations as late as the wheel speeds are, shape (2,) [s].
 
     The amplifiers filter their speeds; a wheel that spins up takes most of its torque itself, so that a
-    current that comes earlier than its acceleration makes force out of nothing.
+    current that leads its acceleration produces a spurious force.
     """
     accelerometer = 1.0 / (2.0 * math.pi * sensors.accelerometer_bandwidth)
     return np.array([sensors.speed_filter, max(sensors.speed_filter - accelerometer, 0.0)])

@@ -67,12 +67,6 @@ class PublishedRobotState:
     weights: Array
     """W_i, shape (n,)."""
     reconfiguration: Reconfiguration | None
-
-    @property
-    def fault_estimate(self) -> None:
-        """None: the method recovers by itself."""
-        return
-
     """The kinematics that these weights make; None where the method only watches."""
     diagnoses: tuple[Diagnosis, ...] = ()
     first: int = -1
@@ -89,6 +83,11 @@ class PublishedRobotState:
     """Value of H at that time [N]."""
     share_before: float = 1.0
     """K_t of Eq. 6.2 over the nominal one: its estimate before this fault."""
+
+    @property
+    def fault_estimate(self) -> None:
+        """None: the method recovers by itself."""
+        return
 
 
 class PublishedRobotDetector:

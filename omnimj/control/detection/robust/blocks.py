@@ -24,8 +24,8 @@ from omnimj.signals import Array
 BLOCK = 0.01
 """Time over which samples are averaged [s]."""
 ROUGH = (1.0, 0.45, 0.45, 0.04)
-"""Root mean square steps of currents [A], wheel speeds [rad/s], acceleration [m/s²] and yaw rate [rad/s] at 1
-kHz that are noise of a failed sensor: at least five times those of working ones."""
+"""RMS steps from sample to sample at 1 kHz above which a sensor counts as failed: currents [A], wheel speeds
+[rad/s], acceleration [m/s²] and yaw rate [rad/s]; at least five times those of working sensors."""
 SMOOTHED, MOST_STEP = 100.0, 5.0
 """Samples over which squares of steps are averaged, and the largest square, in units of the limit's: a single
 jump is no noise."""

@@ -1,6 +1,10 @@
 """Decisions: from evidence to diagnoses, first detection, then isolation.
 
 Diagnoses are latched; only signs of health withdraw them.
+
+`evidence` is that after the block, which ends at `time` [s], `thresholds` are the values from which a
+suspicion becomes a decision, `verdict` holds until now, and `losses` are the estimated losses of the torque
+constants, shape (n,) [1].
 """
 
 from __future__ import annotations
@@ -20,21 +24,6 @@ from omnimj.control.detection.robust.wheel_monitors import LOADED
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
-TESTS = (
-    "loss",
-    "friction",
-    "learnt loss",
-    "accelerometer",
-    "slip",
-    "current",
-    "standing",
-    "readings",
-    "yaw rates",
-    "wheel speed",
-)
-"""Tests that decide: jumps of a motor's torque constant, of a friction and of an accelerometer's bias, a
-learnt loss, a slipped way; a current that is not followed, a wheel that stands, readings that are frozen or
-noisy, yaw rates that differ, a speed that no slip explains."""
 _AFTERMATH = 2.0  # [s] in which the estimated velocity recovers from a slip
 EFFECTIVENESS_STEP = 0.02
 """Smallest change of an effectiveness that updates its diagnosis."""
@@ -50,7 +39,6 @@ def is_uneventful(thresholds, evidence, failed):
 
     Args:
       thresholds: `Thresholds` as floats.
-      evidence: `Evidence` after the block.
       failed: Mask of the channels that are frozen or too noisy, shape (2n+3,).
     """
     n, likelihood, monitors = evidence.force.size, evidence.scores.likelihood, evidence.monitors
@@ -85,11 +73,7 @@ def decide(
     """Verdict after one block.
 
     Args:
-      evidence: After the block.
-      thresholds: Values from which a suspicion becomes a decision.
       before: Verdict before the block.
-      time: End of the block [s].
-      losses: Estimated losses of the torque constants, shape (n,).
       failed: Channels that are frozen or too noisy.
       relearning: Whether a new loss is still being measured: it does not count as another one meanwhile.
     """
@@ -212,16 +196,7 @@ def judge_forces(
     losses: Array,
     relearning: bool,
 ) -> Verdict:
-    """Diagnose the motor or accelerometer that explains the missing force best.
-
-    Args:
-      evidence: After the block.
-      thresholds: Values from which a suspicion becomes a decision.
-      verdict: Until now.
-      time: End of the block [s].
-      losses: Estimated losses of the torque constants, shape (n,).
-      relearning: As in `decide`.
-    """
+    """Diagnose the motor or accelerometer that explains the missing force best."""
     n, likelihood = len(evidence.force), evidence.scores.likelihood
     excluded = {
         d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind in ("locked", "hard_over")
@@ -287,15 +262,7 @@ def _accelerometer_fault(
 def judge_learnt_losses(
     evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array
 ) -> Verdict:
-    """Diagnose losses that were too small to be detected as a jump and have been learnt since.
-
-    Args:
-      evidence: After the block.
-      thresholds: Values from which a suspicion becomes a decision.
-      verdict: Until now.
-      time: End of the block [s].
-      losses: Estimated losses of the torque constants, shape (n,).
-    """
+    """Diagnose losses that were too small to be detected as a jump and have been learnt since."""
     most = thresholds.worn * (thresholds.other if verdict.has_active() else 1.0)
     learnt = significant_losses(evidence.theta, evidence.cov, len(losses))
     for i in range(len(losses)):

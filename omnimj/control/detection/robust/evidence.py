@@ -1,4 +1,8 @@
-"""Memory of the force channel and the slip channel, and its update by one block."""
+"""Memory of the force channel and the slip channel, and its update by one block.
+
+In the kernels `robot` is `RobotConstants`, `parameters` `RobustParameters`, `block` `Block`, `accommodation`
+`Accommodation`, and `evidence` `Evidence`, changed in place.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +23,10 @@ from omnimj.control.detection.robust.force_balance import (
     lasting,
     least_gear_share,
     mass_column,
+    moments,
     oscillation_swing,
     roller_speeds,
+    rolling_velocity,
     update_oscillation,
     whiten,
 )
@@ -199,8 +205,6 @@ def compare_yaw_rates(x, parameters, block, yaw):
 
     Args:
       x: `Evidence.yaw`, changed in place.
-      parameters: `RobustParameters`.
-      block: `Block`.
       yaw: Heading at the block's end [rad].
     """
     period = block.duration
@@ -382,42 +386,21 @@ def roll_velocities(robot, wheel_speed, yaw_rate, included, evidence):
     """Set the body velocity of each filter to that of the wheels that roll, but its own, in place.
 
     Args:
-      robot: `RobotConstants`.
       wheel_speed: φ̇, shape (n,) [rad/s].
       yaw_rate: [rad/s].
       included: Mask of the wheels that are taken to roll, shape (n,).
-      evidence: `Evidence`, changed in place.
     """
-    n, u, weights = included.size, robot.forces, np.empty(included.size)
+    n, everyone = included.size, np.ones(included.size, np.bool_)
     for q in range(n + 1):
-        for i in range(n):
-            weights[i] = 1.0 if included[i] and i != q else 0.0
-        along, across, both = _moments(u, weights)
-        if along * across - both * both < _SINGULAR:  # too few wheels roll: the others, too
-            for i in range(n):
-                weights[i] = 1.0 if i != q else 0.0
-            along, across, both = _moments(u, weights)
-        det, b_x, b_y = along * across - both * both, 0.0, 0.0
-        for i in range(n):
-            rolling = robot.radius[i] * wheel_speed[i] - u[2, i] * yaw_rate
-            b_x += weights[i] * u[0, i] * rolling
-            b_y += weights[i] * u[1, i] * rolling
         x, cov = evidence.velocity[q], evidence.velocity_cov[q]
-        x[0], x[1] = (across * b_x - both * b_y) / det, (along * b_y - both * b_x) / det
+        xx, xy, yy = moments(robot.forces, included, q)
+        if xx * yy - xy * xy < _SINGULAR:  # too few wheels roll: the others, too
+            x[0], x[1] = rolling_velocity(robot, wheel_speed, yaw_rate, everyone, q)
+        else:
+            x[0], x[1] = rolling_velocity(robot, wheel_speed, yaw_rate, included, q)
         cov[:2, :] = 0.0
         cov[:, :2] = 0.0
         cov[0, 0] = cov[1, 1] = _ROLLING_DOUBT * _ROLLING_DOUBT
-
-
-@kernel
-def _moments(u, weights):
-    """Sums of u_x², u_y² and u_x u_y over weighted wheels."""
-    along = across = both = 0.0
-    for i in range(weights.size):
-        along += weights[i] * u[0, i] * u[0, i]
-        across += weights[i] * u[1, i] * u[1, i]
-        both += weights[i] * u[0, i] * u[1, i]
-    return along, across, both
 
 
 @kernel
@@ -427,11 +410,9 @@ def restart_evidence(robot, block, gap, included, evidence):
     Velocity, monitors and the comparison of yaw rates start anew, after a long gap the history of blocks too.
 
     Args:
-      robot: `RobotConstants`.
       block: First `Block` after the gap.
       gap: [s].
       included: Mask of the wheels that are taken to roll, shape (n,).
-      evidence: `Evidence`, changed in place.
     """
     roll_velocities(robot, block.wheel_speed, block.yaw_rate, included, evidence)
     restart_monitors(evidence.monitors)
@@ -447,10 +428,6 @@ def update_evidence(parameters, block, accommodation, evidence, yaw):
     """Update both channels and the comparison of yaw rates by one block, in place.
 
     Args:
-      parameters: `RobustParameters`.
-      block: `Block`.
-      accommodation: `Accommodation`.
-      evidence: `Evidence`, changed in place.
       yaw: Heading at the block's end [rad].
 
     Returns:

@@ -12,6 +12,8 @@ friction of rollers and floor, μ excess of mass, ι of inertia, γ excess of g 
 κ excess of viscous friction, c displacement of the centre of mass; h and k, −1 … 1, the stiction of a wheel
 and of its rollers at rest, which is unknown and never learnt. The law is linear in all of them but γ, which
 multiplies δ, ν and κ: their columns are those at the γ that has been learnt.
+
+In the kernels `robot` is `RobotConstants`, `block` `Block`, `accommodation` `Accommodation`, and i the wheel.
 """
 
 from __future__ import annotations
@@ -74,11 +76,8 @@ def shaft_force(robot, block, theta, losses, i):
     """Traction of one wheel before its gear, by the nominal law and by the learnt one [N].
 
     Args:
-      robot: `RobotConstants`.
-      block: `Block`.
       theta: θ as learnt, shape (p,).
       losses: Diagnosed losses of the torque constants, shape (n,) [1].
-      i: Wheel.
     """
     speed, n = block.wheel_speed[i], losses.size
     full, dry = robot.torque[i] * block.current[i], robot.dry[i] * math.tanh(speed / _TURNING)
@@ -88,23 +87,32 @@ def shaft_force(robot, block, theta, losses, i):
 
 
 @kernel
-def rolling_velocity(robot, wheel_speed, yaw_rate):
-    """Velocity of a body whose wheels roll, by least squares with the gyro's yaw rate [m/s].
+def moments(forces, included, left_out):
+    """Sums of u_x², u_x u_y and u_y² over the included wheels but one; −1: but none."""
+    xx = xy = yy = 0.0
+    for i in range(included.size):
+        if i != left_out and included[i]:
+            u_x, u_y = forces[0, i], forces[1, i]
+            xx, xy, yy = xx + u_x * u_x, xy + u_x * u_y, yy + u_y * u_y
+    return xx, xy, yy
+
+
+@kernel
+def rolling_velocity(robot, wheel_speed, yaw_rate, included, left_out):
+    """Velocity v_x, v_y of a body whose wheels roll, by least squares with the gyro's yaw rate [m/s].
 
     Args:
-      robot: `RobotConstants`.
       wheel_speed: Shape (n,) [rad/s].
       yaw_rate: [rad/s].
-
-    Returns:
-      v_x and v_y [m/s].
+      included: Mask of the wheels, shape (n,).
+      left_out: One of them that is left out; −1: none.
     """
-    xx = xy = yy = bx = by = 0.0
-    for i in range(wheel_speed.size):
-        u_x, u_y = robot.forces[0, i], robot.forces[1, i]
-        along = robot.radius[i] * wheel_speed[i] - robot.forces[2, i] * yaw_rate
-        xx, xy, yy = xx + u_x * u_x, xy + u_x * u_y, yy + u_y * u_y
-        bx, by = bx + u_x * along, by + u_y * along
+    xx, xy, yy = moments(robot.forces, included, left_out)
+    bx = by = 0.0
+    for i in range(included.size):
+        if i != left_out and included[i]:
+            along = robot.radius[i] * wheel_speed[i] - robot.forces[2, i] * yaw_rate
+            bx, by = bx + robot.forces[0, i] * along, by + robot.forces[1, i] * along
     det = xx * yy - xy * xy
     return (yy * bx - xy * by) / det, (xx * by - xy * bx) / det
 
@@ -114,15 +122,14 @@ def roller_speeds(robot, block, velocity, sideways):
     """Fill the speeds at which the rollers turn, those along the axles of omni wheels [m/s].
 
     Args:
-      robot: `RobotConstants`.
-      block: `Block`.
       velocity: Estimated v_x, v_y of the body on a stated floor, on which wheels creep; elsewhere they are
         taken to roll. Shape (2,) [m/s].
       sideways: Output, shape (n,) [m/s].
     """
     v_x, v_y = velocity[0], velocity[1]
     if not robot.floor.stated:
-        v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate)
+        everyone = np.ones(sideways.size, np.bool_)
+        v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate, everyone, -1)
     for i in range(sideways.size):
         across = robot.across[i]
         sideways[i] = across[0] * v_x + across[1] * v_y + across[2] * block.yaw_rate
@@ -133,8 +140,6 @@ def balance(robot, block, theta, accommodation, sideways, x, rho, force):
     """Fill regressors X, balance ρ and wheel forces F̂ of one block.
 
     Args:
-      robot: `RobotConstants`.
-      block: `Block`.
       theta: θ as learnt, shape (p,): it gives F̂, the γ of the columns, and which wheels the floor drives.
       accommodation: `Accommodation`; nothing is learnt about the gears, which are alike, from the motors that
         are known to be degraded: their friction has a law of its own.
@@ -187,10 +192,7 @@ def instructive_gear(robot, block, theta, accommodation, column):
     coasts (regression dilution), until the first hard braking contradicts.
 
     Args:
-      robot: `RobotConstants`.
-      block: `Block`.
       theta: θ as learnt, shape (p,).
-      accommodation: `Accommodation`.
       column: Output, shape (3,) [N, N, N.m].
     """
     column[:] = 0.0
@@ -208,9 +210,6 @@ def least_gear_share(robot):
     """Smallest γ: no gear gives a wheel that the floor drives less resistance than its motor's own torque.
 
     1/(E E_b) ≥ 1, since a gear that multiplies by E in both directions, E_b = 1/E, is the most efficient one.
-
-    Args:
-      robot: `RobotConstants`.
     """
     return 1.0 / robot.driven.min() - 1.0
 
@@ -222,8 +221,6 @@ def _subtract_centre(robot, block, x, rho, column):
     m (a_x − ω̇ c_y − ω² c_x),  m (a_y + ω̇ c_x − ω² c_y),  I ω̇ + m (c_x a_y − c_y a_x).
 
     Args:
-      robot: `RobotConstants`.
-      block: `Block`.
       x: X, shape (3, p); two columns are filled.
       rho: ρ, shape (3,), changed in place.
       column: Index of c_x.
@@ -300,11 +297,9 @@ def whiten(robot, theta, current, recent, accommodation, x, rho):
     from one block to the next in the same sense (`oscillation_swing`).
 
     Args:
-      robot: `RobotConstants`.
       theta: θ as learnt, shape (p,).
       current: Mean over the block, shape (n,) [A].
       recent: `Recent`.
-      accommodation: `Accommodation`.
       x: X, shape (3, p) or with further columns, changed in place.
       rho: ρ, shape (3,), changed in place.
     """

@@ -5,6 +5,9 @@ long as a short window of the likelihood ratios, and half a period of 2 N looks 
 is known from the encoder up to a constant, so that a and b follow from the residual by least mean squares
 (B. Widrow et al., Adaptive noise cancelling, Proc. IEEE 63, 1975); what does not turn with the wheel, like a
 lost torque constant, has no part in them.
+
+In the kernels `forces` is `RobotConstants.forces`, shape (3, n), `block` `Block`, `ripple` `Evidence.ripple`,
+changed in place, and `basis` what `turn_wheels` fills, shape (2, n).
 """
 
 from __future__ import annotations
@@ -42,9 +45,7 @@ def turn_wheels(order, block, ripple, basis):
 
     Args:
       order: N, rollers that pass per turn.
-      block: `Block`.
-      ripple: `Evidence.ripple`, changed in place.
-      basis: Output, shape (2, n); 0 for wheels that turn too fast.
+      basis: Output; 0 for wheels that turn too fast.
     """
     for i in range(basis.shape[1]):
         half = 0.5 * order * block.wheel_speed[i] * block.duration
@@ -61,9 +62,6 @@ def subtract_ripple(forces, ripple, basis, largest, rho):
     """Take the ripple, as it is known, out of the force balance, in place.
 
     Args:
-      forces: `RobotConstants.forces`, shape (3, n).
-      ripple: `Evidence.ripple`.
-      basis: From `turn_wheels`, shape (2, n).
       largest: Amplitude beyond which a wheel's ripple is left in [N].
       rho: ρ, shape (3,), changed in place [N, N, N.m].
     """
@@ -82,11 +80,7 @@ def learn_ripple(forces, block, basis, left, ripple):
     a⁺ = a + 2/(t + t₀) sin(Nφ) (B_iᵀ W r)/(B_iᵀ W B_i), b likewise, with t blocks learnt from.
 
     Args:
-      forces: `RobotConstants.forces`, shape (3, n).
-      block: `Block`.
-      basis: From `turn_wheels`, shape (2, n).
       left: r = ρ − X θ without the known ripple, shape (3,) [N, N, N.m].
-      ripple: `Evidence.ripple`, changed in place.
     """
     for i in range(basis.shape[1]):
         if not SLOW < abs(block.wheel_speed[i]) < FASTEST:

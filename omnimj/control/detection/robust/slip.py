@@ -7,10 +7,16 @@ is slip beyond what the traction explains. A healthy floor creeps under its trac
   s = (F̂/F_N − σ_0 z)/σ,   ż = s − σ_0 |s|/μ z:
 every floor that was measured has a σ near 2.5 s/m. Stone is soft: its bristles give way for 0.2 s after every
 change of traction; PVC and paperboard are stiff. creep_i is the mean of both, uncertain by their difference.
- So slip is distinguished from health by traction: the creep of a healthy wheel under F̂ lies between that of
- a weak
-floor, soft or slick, and that of a strong one; a wheel that moves beyond them in the direction of its force
-has lost grip. No velocity enters the bounds, so that its error counts once and never grows.
+Slip is thus distinguished from health by traction: under F̂ a healthy wheel creeps by no less than on a
+strong floor and no more than on a weak one (soft or slick); a wheel that moves beyond these bounds in the
+direction of its force has lost grip. No velocity enters the bounds, so that its error counts once and never
+grows.
+
+In the kernels `robot` is `RobotConstants`, `parameters` `RobustParameters`, `block` `Block`, i the wheel and
+t a duration [s]. `x` and `cov` are state and covariance of one filter, shape (STATE,) and (STATE, STATE);
+`creep` is the expected creep of each wheel and its uncertainty, shape (n, 2) [m/s]; u_x, u_y is the direction
+of a wheel in the body. A floor has the `stiffness` σ_0 [1/m] and the `friction` μ [1]; z is the deflection of
+its bristle at the beginning [m], `slip` s [m/s], `share` F̂/F_N [1].
 """
 
 from __future__ import annotations
@@ -52,15 +58,7 @@ class VelocityNoise(NamedTuple):
 
 @kernel
 def bristle_after(z, slip, stiffness, friction, t):
-    """Bristle deflection after t seconds of steady slip, exactly [m].
-
-    Args:
-      z: Deflection at the beginning [m].
-      slip: s [m/s].
-      stiffness: σ_0 [1/m].
-      friction: μ [1].
-      t: Duration [s].
-    """
+    """Bristle deflection after t seconds of steady slip, exactly [m]."""
     if slip == 0.0:
         return z
     end = math.copysign(friction / stiffness, slip)
@@ -69,15 +67,7 @@ def bristle_after(z, slip, stiffness, friction, t):
 
 @kernel
 def next_creep(share, z, stiffness, friction, t):
-    """Creep of a floor under a traction over one block [m/s], and its bristle deflection at the end [m].
-
-    Args:
-      share: F̂/F_N [1].
-      z: Deflection at the beginning [m].
-      stiffness: σ_0 [1/m].
-      friction: μ [1].
-      t: Duration of the block [s].
-    """
+    """Creep of a floor under a traction over one block [m/s], and its bristle deflection at the end [m]."""
     after = bristle_after(z, (share - stiffness * z) / CREEP_SLOPE, stiffness, friction, t)
     return (share - 0.5 * stiffness * (z + after)) / CREEP_SLOPE, after
 
@@ -87,9 +77,7 @@ def healthy_creep_bounds(share, bristles, t):
     """Smallest and largest creep of a healthy wheel [m/s].
 
     Args:
-      share: F̂/F_N [1].
       bristles: Deflections on the weak floors and the strong ones, shape (4,), updated in place [m].
-      t: Duration of the block [s].
     """
     soft, bristles[0] = next_creep(share / WEAKER, bristles[0], WEAK_FLOORS[0][0], WEAK_FLOORS[0][1], t)
     slick, bristles[1] = next_creep(share / WEAKER, bristles[1], WEAK_FLOORS[1][0], WEAK_FLOORS[1][1], t)
@@ -107,11 +95,7 @@ def predict_velocity(parameters, block, excluded_axes, x, cov):
     """Prediction of one filter by one block, v⁺ = v + T (a − b + (ω v_y, −ω v_x)), in place.
 
     Args:
-      parameters: `RobustParameters`.
-      block: `Block`.
       excluded_axes: Axes whose accelerometer has failed, shape (2,).
-      x: State, shape (STATE,).
-      cov: Covariance, shape (STATE, STATE).
     """
     t, turning = block.duration, block.yaw_rate
     v_x, v_y = x[0], x[1]
@@ -133,10 +117,6 @@ def update_velocity(x, cov, u_x, u_y, innovation, noise):
     """Correction of one filter by one wheel, in place; a large innovation is clipped (Huber).
 
     Args:
-      x: State, shape (STATE,).
-      cov: Covariance, shape (STATE, STATE).
-      u_x: Direction in which the wheel measures.
-      u_y: Direction in which the wheel measures.
       innovation: y − u·v [m/s].
       noise: Standard deviation of y [m/s].
     """
@@ -157,13 +137,8 @@ def correct_velocity(parameters, block, creep, included, left_out, x, cov):
     """Correction of one filter by all included wheels but one, in place.
 
     Args:
-      parameters: `RobustParameters`.
-      block: `Block`.
-      creep: Expected creep of each wheel and its uncertainty, shape (n, 2) [m/s].
       included: Mask of the wheels that are taken to roll, shape (n,).
       left_out: Wheel that is left out, or −1.
-      x: State, shape (STATE,).
-      cov: Covariance, shape (STATE, STATE).
     """
     robot, noise = parameters.robot, parameters.noise
     for i in range(included.size):
@@ -178,14 +153,7 @@ def correct_velocity(parameters, block, creep, included, left_out, x, cov):
 
 @kernel
 def wheel_slip(robot, block, x, i):
-    """Slip velocity of wheel i at a filter's state, creep included [m/s].
-
-    Args:
-      robot: `RobotConstants`.
-      block: `Block`.
-      x: State of the filter, shape (STATE,).
-      i: Wheel.
-    """
+    """Slip velocity of wheel i at a filter's state, creep included [m/s]."""
     forces = robot.forces
     rolling = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * block.yaw_rate
     return robot.radius[i] * block.wheel_speed[i] - rolling
@@ -193,26 +161,12 @@ def wheel_slip(robot, block, x, i):
 
 @kernel
 def slip_residual(robot, block, creep, x, i):
-    """Residual e_i of wheel i at a filter's state: slip beyond the expected creep [m/s].
-
-    Args:
-      robot: `RobotConstants`.
-      block: `Block`.
-      creep: Expected creep of each wheel and its uncertainty, shape (n, 2) [m/s].
-      x: State of the filter, shape (STATE,).
-      i: Wheel.
-    """
+    """Residual e_i of wheel i at a filter's state: slip beyond the expected creep [m/s]."""
     return wheel_slip(robot, block, x, i) - creep[i, 0]
 
 
 @kernel
 def speed_deviation(cov, u_x, u_y):
-    """Standard deviation of the estimated velocity along a direction, u·v̂ [m/s].
-
-    Args:
-      cov: Covariance of a filter, shape (STATE, STATE).
-      u_x: Direction.
-      u_y: Direction.
-    """
+    """Standard deviation of the estimated velocity along a direction, u·v̂ [m/s]."""
     along = u_x * u_x * cov[0, 0] + 2.0 * u_x * u_y * cov[0, 1] + u_y * u_y * cov[1, 1]
     return math.sqrt(max(along, 0.0))

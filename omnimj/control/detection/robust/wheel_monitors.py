@@ -3,6 +3,9 @@
 Slip counts by its way: the creep beyond that of a healthy wheel, summed while it lasts, so that a large slip
 is seen at once and a small one soon, and a spike of noise never. Recovered grip counts by likelihood: how
 much less the wheel slips than it would under this traction with the grip that it had lost.
+
+In the kernels `robot` is `RobotConstants`, `parameters` `RobustParameters`, `block` `Block`, `monitors`
+`WheelMonitors`, and i the wheel.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.control.detection.robust.force_balance import roller_speeds
+from omnimj.control.detection.robust.force_balance import moments, roller_speeds
 from omnimj.control.detection.robust.slip import (
     SOFT_FLOOR,
     STIFF_FLOOR,
@@ -40,9 +43,10 @@ MOST = 0.002
 LOADED = 1.5
 """Traction from which a wheel is under load [N]."""
 AGREES = -0.75
-"""Traction along the slip from which it may be one: a wheel is never slower than its force for long [N]."""
+"""Smallest traction along the slip at which it may be one: a wheel does not lag behind its own force for long
+[N]."""
 NO_SLIP = 0.12
-"""Slip against the load, or without any, from which the wheel's speed is read wrongly [m/s]."""
+"""Slip against the load, or without load, above which the wheel-speed reading must be wrong [m/s]."""
 SLOW_BRISTLE = CREEP_SLOPE
 """Damping that is added to a stated floor where its traction follows late: that of stone [s/m]."""
 DOUBT = 0.2
@@ -158,10 +162,6 @@ def roller_ratio(robot, i):
     """Ratio 1/sin γ of a wheel, of its floor's force to its motor's; 1 for an omni wheel.
 
     It is also the ratio of the wheel's slip to that of the contact.
-
-    Args:
-      robot: `RobotConstants`.
-      i: Wheel.
     """
     return math.hypot(robot.forces[0, i], robot.forces[1, i])
 
@@ -171,8 +171,6 @@ def expected_creep(robot, block, velocity, load, force, monitors):
     """Creep of each wheel under its traction and its uncertainty, shape (n, 2) [m/s].
 
     Args:
-      robot: `RobotConstants`.
-      block: `Block`.
       velocity: Estimated v_x, v_y of the body, shape (2,) [m/s].
       load: F_N of a wheel [N].
       force: F̂, shape (n,) [N].
@@ -230,9 +228,7 @@ def _standing_weight(parameters, passed, i):
     to the other; no count is full before the floor has passed by as far.
 
     Args:
-      parameters: `RobustParameters`.
       passed: Way of the floor in the block [m].
-      i: Wheel.
     """
     robot, floor = parameters.robot, parameters.robot.floor
     if not floor.stated:
@@ -288,8 +284,6 @@ def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
       contact: `ContactSlip`.
       yaw_rate: [rad/s].
       judged: Whether any wheel turns and the traction of this one is known.
-      monitors: `WheelMonitors`.
-      i: Wheel.
     """
     load, force, slip, deviation, rolling = contact
     bristles, traction = monitors.healthy_bristles[i], floor.traction
@@ -335,27 +329,13 @@ def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
 
 
 @kernel
-def _moments_of_others(forces, included, i):
-    """Sums of u_x², u_x u_y and u_y² over the included wheels but i."""
-    xx = xy = yy = 0.0
-    for j in range(included.size):
-        if j != i and included[j]:
-            xx, xy, yy = (
-                xx + forces[0, j] * forces[0, j],
-                xy + forces[0, j] * forces[1, j],
-                yy + forces[1, j] * forces[1, j],
-            )
-    return xx, xy, yy
-
-
-@kernel
 def _is_dead_reckoning(robot, included, i):
     """True if the other included wheels say little about the velocity along wheel i.
 
     Little is a variance dᵀ(Σ d_j d_jᵀ)⁻¹d beyond `_SPREADS` times that of one wheel that drives along d.
     """
     forces = robot.forces
-    xx, xy, yy = _moments_of_others(forces, included, i)
+    xx, xy, yy = moments(forces, included, i)
     if xx + yy == 0.0:
         return True
     x, y = forces[0, i], forces[1, i]
@@ -370,13 +350,11 @@ def _creep_doubt(robot, included, creep, i):
     error lasts, so that no filter averages it.
 
     Args:
-      robot: `RobotConstants`.
       included: Mask of the wheels used by the velocity estimate, shape (n,).
       creep: Expected creep and its uncertainty, shape (n, 2) [m/s].
-      i: Wheel.
     """
     forces, total = robot.forces, 0.0
-    xx, xy, yy = _moments_of_others(forces, included, i)
+    xx, xy, yy = moments(forces, included, i)
     det = xx * yy - xy * xy
     if det <= 1e-6:
         return 0.0
@@ -393,14 +371,10 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
     """All monitors of wheel i after a block, in place.
 
     Args:
-      parameters: `RobustParameters`.
-      block: `Block`.
       included: Mask of the wheels used by the velocity estimate, shape (n,).
       traction: `Traction`.
       x: State of the velocity filter without this wheel, shape (STATE,).
       cov: Its covariance, shape (STATE, STATE).
-      monitors: `WheelMonitors`.
-      i: Wheel.
     """
     robot, yaw_rate, force = parameters.robot, block.yaw_rate, traction.force[i]
     speed, current, commanded = block.wheel_speed[i], block.current[i], block.commanded[i]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from published_map import published_jacobian
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.detection.published.decision import (
@@ -32,7 +33,7 @@ from omnimj.control.detection.published.weighted_kinematics import (
 )
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.physics.kinematics import published_jacobian, rolling_matrix
+from omnimj.physics.kinematics import rolling_matrix
 
 ROBOT = read_robot()
 A = rolling_matrix(ROBOT.wheel_positions, ROBOT.drive_directions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from steady_driving import steady_wheel_speeds
 
 from omnimj.control.cascade.creep import creep_parameters
 from omnimj.control.detection.robust.accommodation import accommodation_for, no_known_faults
@@ -16,7 +17,6 @@ from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import read_floors
 from omnimj.physics.equilibrium import steady_current
-from omnimj.physics.inverse_equilibrium import steady_wheel_speeds
 from omnimj.physics.motor import motor_parameters
 from omnimj.physics.planar import driven_wheel
 from omnimj.physics.traction import exact_step, force_ratio, mean_deflection, relaxation_rate

@@ -150,7 +150,7 @@ def test_an_accelerometer_bias_changes_the_balance_by_its_column():
 def test_wheels_that_roll_measure_the_velocity():
     twist = np.array([0.4, -0.7, 0.3])
     speed = C.forces.T @ twist / ROBOT.wheel.radius
-    assert rolling_velocity(C, speed, twist[2]) == pytest.approx(twist[:2])
+    assert rolling_velocity(C, speed, twist[2], np.ones(4, bool), -1) == pytest.approx(twist[:2])
 
 
 @pytest.mark.slow
