@@ -87,7 +87,7 @@ def drives() -> DriveValidation:
     time, pose = np.linspace(0.0, 1.0, 50), np.linspace(0.0, 1.0, 150).reshape(50, 3)
     motion = Motion(pose, np.zeros((50, 3)))
     runs = tuple(
-        DrivenRun("r", plant, "pvc", time, np.ones((50, 3)), motion, motion, 0.2, 0.01)
+        DrivenRun("r", plant, "pvc", time, np.ones((50, 3)), motion, motion, 0.2)
         for plant in ("twin", "rolling")
     )
     one, three = np.ones(3), np.zeros(3)
