@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.motor_force import changes_of, motor_forces
 from omnimj.estimate.replay.rig import kernels
@@ -21,11 +23,19 @@ from omnimj.plant.interface import RIG_CHANNELS
 from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.simulate.driving import drive_rig
+from omnimj.studies.gap_benchmark import datasets
+from omnimj.studies.gap_benchmark.cases import HiddenEffect, draw_cases
 from omnimj.studies.gap_benchmark.datasets import DisturbedPlant
 from omnimj.studies.gap_benchmark.unmodelled import RunContext, UnmodelledEffect
 
 RIG, FLOORS = read_rig(), read_floors()
 FORCES = motor_forces(1.5)
+
+
+def force_per_ampere() -> float:
+    """Force of the motor on the carriage [N/A]."""
+    motor = RIG.motor
+    return motor.torque_constant * motor.gear_ratio * motor.gear_efficiency / RIG.wheel.radius
 
 
 @pytest.mark.parametrize("speed", [-2.0, -0.6, 0.0, 0.3, 0.75, 1.1, 1.5])
@@ -42,8 +52,7 @@ def test_the_change_is_interpolated_between_rest_half_and_full_speed(speed):
     found = kernels.with_changed_force(plain, parameters, speed, 3.0)
     axle, carriage = (np.interp(abs(speed), [0.0, 0.75, 1.5], values) for values in parameters.changes)
     assert found.motor == motor._replace(torque_scale=pytest.approx(1.0 + axle))
-    force = 3.0 * motor.torque_constant * motor.gear_ratio * motor.gear_efficiency / RIG.wheel.radius
-    assert found.terms.cable_force == pytest.approx(carriage * force)
+    assert found.terms.cable_force == pytest.approx(carriage * 3.0 * force_per_ampere())
 
 
 def test_a_rig_whose_gear_loses_a_share_that_grows_with_the_speed_is_reproduced():
@@ -57,10 +66,8 @@ def test_a_rig_whose_gear_loses_a_share_that_grows_with_the_speed_is_reproduced(
     run = Run("run", columns, {}, {"floor": "natural_stone", "mass": RIG.rig.masses[0]}, "run")
     replay = RigReplay(Dataset(Path("runs"), "quarter_rig", (run,)), RIG, FLOORS)
     force = next(one for one in replay.structures if one.label.endswith("(on the carriage)"))
-    motor = RIG.motor
-    per_ampere = motor.torque_constant * motor.gear_ratio * motor.gear_efficiency / RIG.wheel.radius
     (top,) = {one.fastest for one in replay.structures if hasattr(one, "fastest")}
-    share = -lost * top / per_ampere
+    share = -lost * top / force_per_ampere()
     base = np.array([b.nominal for b in replay.base])
     with_it = Setting(base, {force.label: np.array([0.5 * share, share])})
     found = [replay.measured - simulated for simulated in replay.simulate([Setting(base), with_it])]
@@ -73,3 +80,18 @@ def test_the_words_give_both_changes_and_the_speeds_at_which_they_hold():
     start = "a force per ampere at the axle that is"
     assert words == f"{start} 5 % larger at 0.75 m/s and 12 % smaller at 1.5 m/s than at rest"
     assert values == {"halfway": 0.05, "fastest": -0.123, "speed": 1.5}
+
+
+@pytest.mark.slow
+def test_an_effect_is_named_alone_on_a_rig_whose_gear_loses_more_at_speed(tmp_path):
+    """Without such a change in the model drag and friction make up for it."""
+    empty = next(case for case in draw_cases(6) if case.kind == "null")
+    hidden = (HiddenEffect("current_bias", {"bias": 0.1}, "obvious"),)
+    lost, per_ampere = UnmodelledEffect("gear_law", 0.5, 0.8, 0.0), force_per_ampere()
+    datasets.make_dataset(dataclasses.replace(empty, hidden=hidden, structure=lost), tmp_path / "data")
+    finding = find_gap(tmp_path / "data")
+    assert [e.effect for e in finding.effects] == ["current_bias"]
+    assert finding.outside is not None
+    assert finding.outside.words.startswith("a force per ampere on the carriage that is")
+    true = -0.5 / 0.8 * finding.outside.values["speed"] / per_ampere
+    assert finding.outside.values["fastest"] == pytest.approx(true, rel=0.15)
