@@ -90,6 +90,8 @@ class _Achieved:
     """Share of the base parameters that end at their bounds."""
     varies: str
     """Effect and variable of the strength that explains more than any free curve; empty without one."""
+    by: str
+    """What removes it: the named effects, with structure outside the library where there is some."""
 
 
 def judge_search(found: SearchResult) -> Verdict:
@@ -118,7 +120,8 @@ def _judge_effects(found: SearchResult) -> Verdict:
     if refusal is not None:
         return Verdict("unexplained", refusal, flexible, achieved.was, tolerated)
     rest = _heldout_rms(found, found.described.residual)
-    words = f"{_format_explained(achieved)}; {rest:.2g} × the noise remains"
+    without = "" if found.outside is None else " without it"
+    words = f"{_format_explained(achieved)}; {rest:.2g} × the noise remains{without}"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
     return Verdict(kind, words, flexible, rest)
 
@@ -176,12 +179,14 @@ def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]
     floor = min(after * (1.0 - best) ** 2, before)
     above = 1.0 - max(rest**2 - 1.0, 0.0) / max(was**2 - 1.0, 1e-30)
     explained = float((before - after) / max(before - floor, 1e-30))
-    return _Achieved(explained, above, was, rest, share_at_bounds(found), varies), flexible
+    beside = "" if found.outside is None else ", with a structure outside the library,"
+    by = f"the named effects{beside}"
+    return _Achieved(explained, above, was, rest, share_at_bounds(found), varies, by), flexible
 
 
 def _format_explained(achieved: _Achieved) -> str:
     share = 100.0 * achieved.explained
-    return f"the named effects remove {share:.0f} % of the explainable squared mismatch"
+    return f"{achieved.by} remove {share:.0f} % of the explainable squared mismatch"
 
 
 def _format_noise(size: float) -> str:

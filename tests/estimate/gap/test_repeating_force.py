@@ -80,6 +80,7 @@ def test_a_repeating_force_is_described_beside_the_effect_of_the_library_and_nev
     assert finding.outside is not None
     assert finding.outside.words.startswith("a force of 0.5 N that repeats every 0.9 m")
     assert finding.outside.remains < 1.2 < 2.0 < (finding.remains or 0.0)
+    assert finding.reason.endswith("the noise remains without it")
     assert finding.outside.words in summarize_finding(finding)
     assert next_step(finding).startswith(f"Use the new model. Look for {finding.outside.words}")
 

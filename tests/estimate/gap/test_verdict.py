@@ -126,7 +126,9 @@ def test_a_faint_effect_must_remove_half_of_what_single_channels_show_above_the_
     ("was", "loudest", "kind"), [(1.1, 1.6, "no_gap"), (1.1, 2.5, "unexplained"), (1.6, 1.6, "unexplained")]
 )
 def test_what_effects_explain_too_little_of_is_no_gap_at_the_level_of_noise(monkeypatch, was, loudest, kind):
-    achieved = judging._Achieved(explained=0.5, above=0.5, was=was, rest=1.0, stretched=0.0, varies="")
+    achieved = judging._Achieved(
+        explained=0.5, above=0.5, was=was, rest=1.0, stretched=0.0, varies="", by="the effects"
+    )
     monkeypatch.setattr(judging, "_measure_achieved", lambda found: (achieved, {"speed": 0.3}))
     monkeypatch.setattr(judging, "_is_faint", lambda found: False)
     monkeypatch.setattr(judging, "channel_sizes", lambda found, model: np.array([0.5, loudest]))
