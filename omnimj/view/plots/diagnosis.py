@@ -128,7 +128,7 @@ def state_lanes(
 ) -> Drawing:
     """Plot strips over time: true faults, below them diagnoses per wheel, and the mode at the bottom.
 
-    The method names the modes, and `least` is the least height [pixels].
+    The names of the modes depend on `method`; the drawing is at least `least` pixels high.
     """
     true, found = _lanes(truth), _lanes(diagnosed)
     rows = [("true", lane) for lane in true or [()]] + [("diagnosed", lane) for lane in found or [()]]

@@ -63,7 +63,8 @@ def with_and_without(
 ) -> Drawing:
     """Plot excursions with recovery over those without, case by case; points below the line are improved.
 
-    `of` returns the two, with recovery first, or None to leave the case out; `words` are quantity and unit.
+    `of` returns the excursions of a case with and without recovery, or None to leave the case out; `words`
+    are their quantity and unit.
     """
     without = f"{words}, without recovery"
     panel = Panel(MIDDLE, False, "with recovery", without, x_log=True, y_log=True)
