@@ -30,6 +30,8 @@ class RobotConstants(NamedTuple):
     """About the body's origin [kg.m²]."""
     centre: Array
     """Centre of mass in the body frame, shape (2,) [m]."""
+    accelerometer: Array
+    """Place of the accelerometer in the body frame, shape (2,) [m]."""
     radius: Array
     """Rolling radius r of each wheel, shape (n,) [m]."""
     inertia: Array
@@ -83,6 +85,7 @@ def robot_constants(robot: Robot, floor: Floor | None = None) -> RobotConstants:
         mass=float(mass),
         yaw_inertia=float(robot.body.yaw_inertia + extra * (x * x + y * y)),
         centre=extra / mass * np.array([x, y]),
+        accelerometer=robot.accelerometer,
         radius=radius,
         inertia=(robot.wheel.inertia + robot.motor.reflected_inertia) / radius,
         load=float(load),

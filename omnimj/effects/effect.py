@@ -344,11 +344,11 @@ class MachineChanges(ChannelChanges):
         """Changes of the floor that an effect selects, or of every floor."""
         return self.floor_changes.setdefault(str(values.get(FLOOR.name, "")), FloorChange())
 
-    def add_to_constant(self, table: str, key: str, value: float) -> None:
-        """Add to a constant of the machine that cannot fall below zero (`wheel`, `roller_dry`)."""
+    def add_to_constant(self, table: str, key: str, value: float, least: float = 0.0) -> None:
+        """Add to a constant of the machine (`wheel`, `roller_dry`), which cannot fall below `least`."""
         entries = self._added.setdefault(table, {})
         before = entries[key] if key in entries else float(getattr(getattr(self.machine, table), key))
-        entries[key] = max(before + value, 0.0)
+        entries[key] = max(before + value, least)
 
     def scale_back_driving(self, factor: float) -> None:
         """Multiply the efficiency of the gears while the wheels drive them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from omnimj import signals
@@ -50,6 +51,11 @@ def _shifted(*channels: str) -> Hook:
 
 def _delayed(changes: MachineChanges, values: Values) -> None:
     changes.change_channel(str(values["channel"]), delay=values["delay"])
+
+
+def _displaced(changes: MachineChanges, values: Values) -> None:
+    for axis in ("x", "y"):
+        changes.add_to_constant("body", f"accelerometer_{axis}", values[axis], least=-math.inf)
 
 
 def _turned(changes: MachineChanges, values: Values) -> None:
@@ -102,6 +108,14 @@ EFFECTS = (
     Effect(*_ACCELERATION_BIAS, (ROBOT,), _bias("m/s2", 5.0, 0.2), (_AXES,), (_shifted(),)),
     Effect(*_ACCELERATION_SCALE, (RIG,), _scale(1.15), hooks=(_scaled("carriage_acceleration"),)),
     Effect(*_ACCELERATION_SCALE, (ROBOT,), _scale(1.15), (_AXES,), (_scaled(),)),
+    Effect(
+        "accelerometer_position",
+        "the accelerometer is not where the model has it and feels the turning of the body",
+        "sensors",
+        (ROBOT,),
+        (EffectParameter("x", "m", -0.5, 0.5, 0.05), EffectParameter("y", "m", -0.5, 0.5, 0.05)),
+        hooks=(_displaced,),
+    ),
     Effect(
         "yaw_rate_bias",
         "the gyro has an offset",

@@ -37,6 +37,10 @@ class RobotBody:
     """Travel of the suspension between the stops."""
     unsprung_mass: float = positive("kg")
     """Unsprung mass of each corner (wheel, motor, carriage), part of the total mass."""
+    accelerometer_x: float = quantity("m", -2.0, 2.0, default=0.0)
+    """Position of the accelerometer ahead of the centre, in the body frame."""
+    accelerometer_y: float = quantity("m", -2.0, 2.0, default=0.0)
+    """The same to the left."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,11 @@ class Robot(Displayed):
     def roller_angles(self) -> tuple[float, ...]:
         """Roller angle γ of each wheel, length n [rad]."""
         return tuple(mount.roller_angle for mount in self.wheels)
+
+    @property
+    def accelerometer(self) -> np.ndarray:
+        """Position of the accelerometer in the body frame, shape (2,) [m]."""
+        return np.array([self.body.accelerometer_x, self.body.accelerometer_y])
 
     @property
     def wheel_positions(self) -> np.ndarray:

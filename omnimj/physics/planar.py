@@ -52,6 +52,10 @@ class PlanarBody(NamedTuple):
     """Gravity along the floor in the world [m/s²]."""
     slope_y: float
     """[m/s²]"""
+    accelerometer_x: float
+    """Place of the accelerometer in the body frame [m]."""
+    accelerometer_y: float
+    """[m]"""
 
 
 BODY_SIZE = len(PlanarBody._fields)
@@ -158,7 +162,8 @@ def _body(robot: Robot, payload: tuple[float, float, float], slope: tuple[float,
         raise InputError("payload", f"found (mass, x, y) = {payload}", "leaves no yaw inertia")
     downhill = GRAVITY * math.sin(slope[0])
     along_x, along_y = downhill * math.cos(slope[1]), downhill * math.sin(slope[1])
-    return PlanarBody(mass, com_x, com_y, inertia, along_x, along_y)
+    place = robot.body.accelerometer_x, robot.body.accelerometer_y
+    return PlanarBody(mass, com_x, com_y, inertia, along_x, along_y, *place)
 
 
 def state_size(wheels: int) -> int:
@@ -331,4 +336,6 @@ def step(state, command, model, h, steps, output):
         a_x, a_y = _step_body(now, body, (f_x, f_y, moment), h, published)
         if not published:
             a_x, a_y = a_x - yaw_rate * v_y, a_y + yaw_rate * v_x
-        found.acceleration[0], found.acceleration[1] = a_x - g_x, a_y - g_y
+        spin, square = (now.twist[2] - yaw_rate) / h, yaw_rate * yaw_rate
+        found.acceleration[0] = a_x - g_x - spin * body.accelerometer_y - square * body.accelerometer_x
+        found.acceleration[1] = a_y - g_y + spin * body.accelerometer_x - square * body.accelerometer_y

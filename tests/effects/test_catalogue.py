@@ -27,7 +27,7 @@ NAMES = {
     "uto_robot": """roller_friction rolling_resistance bearing_friction floor_traction floor_patch payload
         grade air_drag torque_constant gear_loss back_driving backlash motor_cogging roller_ripple supply_sag
         winding_heating wheel_radius wheel_misalignment current_bias current_scale acceleration_bias
-        acceleration_scale yaw_rate_bias yaw_rate_scale sensor_delay""",
+        acceleration_scale accelerometer_position yaw_rate_bias yaw_rate_scale sensor_delay""",
     "linear_axis": """coulomb viscous asymmetric_viscous asymmetric_coulomb stribeck position_friction
         force_offset force_scale position_scale velocity_scale payload grade cable_drag air_drag
         torque_constant backlash current_bias current_scale sensor_delay""",

@@ -31,6 +31,7 @@ class SensorNumbers(NamedTuple):
     acceleration_noise: float
     acceleration_offset: np.ndarray
     acceleration_share: float
+    acceleration_place: np.ndarray
     gyro_noise: float
     gyro_bias: float
     gyro_share: float
@@ -55,6 +56,7 @@ def sensor_numbers(sensors: Sensors, gear_ratio: float) -> SensorNumbers:
         sensors.acceleration_noise,
         np.array(sensors.acceleration_bias) + GRAVITY * np.array(sensors.acceleration_tilt),
         share_of(sensors.acceleration_bandwidth),
+        np.array(sensors.acceleration_place),
         sensors.gyro_noise,
         sensors.gyro_bias,
         share_of(sensors.gyro_bandwidth),
@@ -83,8 +85,8 @@ def sample(tick, state, seen, poses, draws, sensors: SensorNumbers, machine: Mac
     """Fills measured[tick] from the true state.
 
     `held` keeps the encoder angles, the filtered accelerations and the filtered yaw rate from tick to tick.
-    The accelerometer sits at the centre and feels the forces of the floor only: the pull of gravity along a
-    sloping floor moves the robot but not the reading.
+    The accelerometer at p reads a_centre + ω̇ × p − ω² p without gravity: its pull along a sloping floor moves
+    the robot but not the reading.
     """
     row = measured[tick]
     before = measured[max(tick - 1, 0)]
@@ -99,7 +101,10 @@ def sample(tick, state, seen, poses, draws, sensors: SensorNumbers, machine: Mac
     pull_x = cos * machine.gravity[0] + sin * machine.gravity[1]
     pull_y = -sin * machine.gravity[0] + cos * machine.gravity[1]
     for j in range(2):
+        spin, turn = seen[BODY + 4], state[VELOCITY + 2]
         true = seen[BODY + 2 + j] - (pull_x if j == 0 else pull_y)
+        across = -sensors.acceleration_place[1] if j == 0 else sensors.acceleration_place[0]
+        true += spin * across - turn * turn * sensors.acceleration_place[j]
         held[4 + j] += sensors.acceleration_share * (true - held[4 + j])
         noise = sensors.acceleration_noise * draws[4 + j]
         row[ACCELERATIONS + j] = held[4 + j] + sensors.acceleration_offset[j] + noise

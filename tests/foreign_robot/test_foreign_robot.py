@@ -182,12 +182,17 @@ def test_halving_the_step_quarters_the_error(loaded: ForeignRobot):
 
 
 @pytest.mark.slow
-def test_accelerometer_reads_the_second_derivative_of_its_place(driven: Log, loaded: ForeignRobot):
-    """Specific force at the body's centre, not the centre of mass: d²x/dt² without the pull of the slope."""
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.1, -0.06)])
+def test_accelerometer_reads_the_second_derivative_of_its_place(loaded: ForeignRobot, place):
+    """Specific force at its place, not at the centre of mass: d²p/dt² without the pull of the slope."""
+    robot = replace(loaded, sensors=replace(loaded.sensors, acceleration_place=place))
+    driven = drive(robot, 3, 20.0)
     truth = driven.truth
-    second = [np.gradient(np.gradient(truth[axis], TICK), TICK) for axis in "xy"]
-    second = np.column_stack(second) - GRAVITY * np.array(loaded.floor_slope)
     cos, sin = np.cos(truth["heading"]), np.sin(truth["heading"])
+    track = np.column_stack([truth["x"], truth["y"]])
+    track += np.column_stack([cos * place[0] - sin * place[1], sin * place[0] + cos * place[1]])
+    second = np.gradient(np.gradient(track, TICK, axis=0), TICK, axis=0)
+    second -= GRAVITY * np.array(loaded.floor_slope)
     expected = cos * second[:, 0] + sin * second[:, 1], cos * second[:, 1] - sin * second[:, 0]
     for axis, wanted in zip("xy", expected, strict=True):
         error = driven.columns[f"acceleration_{axis}"] - wanted

@@ -48,6 +48,8 @@ class Sensors:
     """Bias of the two axes [m/s²]."""
     acceleration_bandwidth: float = 70.0
     """First-order corner of the accelerometer [Hz]."""
+    acceleration_place: tuple[float, float] = (0.0, 0.0)
+    """Where the accelerometer sits in the body frame [m]."""
     acceleration_tilt: tuple[float, float] = (0.0, 0.0)
     """Angles by which the unit is mounted out of level: a share of gravity on each axis [rad]."""
     gyro_noise: float = 0.0037

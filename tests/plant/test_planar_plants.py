@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -83,6 +84,20 @@ def test_the_accelerometer_reads_the_change_of_world_velocity():
     read = np.array([m.acceleration for m in measured]).T
     along = np.stack([c * rate[0] + s * rate[1], c * rate[1] - s * rate[0]])
     assert_allclose(read[:, 100:-1], along[:, 100:-1], atol=0.01)
+
+
+def test_an_accelerometer_beside_the_centre_reads_the_change_of_its_own_velocity():
+    x, y = 0.11, -0.06
+    body = dataclasses.replace(ROBOT.body, accelerometer_x=x, accelerometer_y=y)
+    plant = PlanarRobot(dataclasses.replace(ROBOT, body=body), "natural_stone", ideal_sensors=True)
+    measured, truth = _drive(plant, (0.9, -0.2, 0.7, 0.9), 1.0)
+    c, s = np.cos(truth["heading"]), np.sin(truth["heading"])
+    place = np.stack([truth["x"] + c * x - s * y, truth["y"] + s * x + c * y])
+    rate = np.gradient(np.gradient(place, 1e-3, axis=1), 1e-3, axis=1)
+    along = np.stack([c * rate[0] + s * rate[1], c * rate[1] - s * rate[0]])
+    read = np.array([m.acceleration for m in measured]).T
+    assert_allclose(read[:, 100:-2], along[:, 100:-2], atol=0.03)
+    assert np.abs(truth["twist_yaw"]).max() > 2.0  # the turning takes part
 
 
 def test_at_rest_on_a_slope_the_accelerometer_reads_gravity():

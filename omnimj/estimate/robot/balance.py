@@ -4,8 +4,9 @@ Wheel i pushes the body along column i of B with
   F_i = g (K_i i − dry_i σ(φ̇) − viscous_i φ̇ − J φ̈/r) − axle_i σ(φ̇) − I φ̈/r,
 where the bracket is the motor's shaft as far as the gear, J its reflected inertia, and I the wheel's own;
 g = 1 while the motor drives and 1/(E E_b) while it is driven. The rollers hold the body back across. With
-centre of mass c, P = Σ B_i F_i − drag and the body's own accelerometer at the origin
+centre of mass c, P = Σ B_i F_i − drag and the acceleration a of the origin
   m (a_x − ω̇ c_y − ω² c_x) = P_x,   m (a_y + ω̇ c_x − ω² c_y) = P_y,   I ω̇ + m (c_x a_y − c_y a_x) = P_ω.
+An accelerometer at r reads a + ω̇ × r − ω² r.
 Only currents and wheel speeds, which are hardly noisy, stand on the side of the prediction: noise of the
 accelerometer would otherwise make every parameter that it multiplies too small.
 """
@@ -96,6 +97,18 @@ def inertia_matrix(c: RobotConstants) -> Array:
     return np.array([[c.mass, 0.0, -y], [0.0, c.mass, x], [-y, x, c.yaw_inertia]])
 
 
+def felt_by_turning(place: Array, yaw_rate: Array, yaw_acceleration: Array) -> Array:
+    """Acceleration of a place beyond that of the origin, ω̇ × r − ω² r, shape (m, 2) [m/s²].
+
+    Args:
+      place: r in the body frame, shape (2,) [m].
+      yaw_rate: ω, shape (m,) [rad/s].
+      yaw_acceleration: ω̇, shape (m,) [rad/s²].
+    """
+    x, y = place
+    return np.outer(yaw_acceleration, [-y, x]) - np.outer(yaw_rate**2, place)
+
+
 def predicted_accelerations(constants: BalanceConstants, errors: SensorErrors, rows: RunRows) -> Array:
     """Readings a_x, a_y [m/s²] and ω̇ [rad/s²] without bias, shape (m, 3)."""
     c = constants.robot
@@ -110,7 +123,10 @@ def predicted_accelerations(constants: BalanceConstants, errors: SensorErrors, r
         if part.sum() > 2:
             rate[part] = np.gradient(motion[part], PERIOD, axis=0)
     late = np.array([errors.acceleration_delay] * 2 + [errors.yaw_rate_delay])
-    return motion - rate * late
+    motion -= rate * late
+    # by the gyro, which is far less noisy than what the prediction of ω̇ lacks
+    motion[:, :2] += felt_by_turning(c.accelerometer, rows.yaw_rate, rows.yaw_acceleration)
+    return motion
 
 
 def unknown_forces(c: RobotConstants, rows: RunRows) -> Array:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
-from omnimj.estimate.robot.balance import inertia_matrix, roller_speeds
+from omnimj.estimate.robot.balance import felt_by_turning, inertia_matrix, roller_speeds
 from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.fit import RobotFit, run_sums
 from omnimj.estimate.robot.quantities import Quantity
@@ -102,7 +102,7 @@ def planned_rows(fit: RobotFit, manoeuvre: Manoeuvre) -> RunRows:
     rate = np.gradient(twist, PERIOD, axis=0)
     speed, change = twist @ c.forces / c.radius, rate @ c.forces / c.radius
     spin = twist[:, 2]
-    # the accelerometer sits at the origin of a turning frame
+    # the origin of a turning frame
     felt = rate[:, :2] + spin[:, None] * np.column_stack([-twist[:, 1], twist[:, 0]])
     rows = RunRows(
         manoeuvre.words,
@@ -112,7 +112,7 @@ def planned_rows(fit: RobotFit, manoeuvre: Manoeuvre) -> RunRows:
         Shafts(np.zeros_like(speed), speed, change, np.zeros_like(speed)),
         speed,
         change,
-        felt,
+        felt + felt_by_turning(c.accelerometer, spin, rate[:, 2]),
         spin,
         rate[:, 2],
         minimum_filter1d(np.abs(speed), 2 * round(_NEAR / PERIOD) + 1, axis=0),

@@ -26,7 +26,8 @@ def model_text(found: RobotIdentification) -> str:
     """Text of `model.toml`; `read_robot` reads from it the constants that were identified.
 
     Torque constants and losses of single wheels become the effects `torque_constant` and `bearing_friction`
-    with `wheel`, a displaced centre of mass a `payload` that is part of the mass.
+    with `wheel`, a displaced centre of mass a `payload` that is part of the mass, a displaced accelerometer
+    an `accelerometer_position`.
 
     Raises:
       InputError: A value that no model file can have.
@@ -48,7 +49,7 @@ def model_changes(found: RobotIdentification) -> tuple[dict[str, float], Effects
     base = _with_values(_bare(found.robot), changed)
     base = with_effects(base, {"payload": payload}) if payload else base
     effects: Effects = {"payload": payload} if payload else _cleared(found.robot, "payload")
-    effects |= _of_wheels(found, base)
+    effects |= _of_wheels(found, base) | _of_accelerometer(found)
     return changed, effects
 
 
@@ -153,3 +154,15 @@ def _of_wheels(found: RobotIdentification, base: Robot) -> Effects:
             "viscous": float(viscous[i]),
         }
     return effects
+
+
+def _of_accelerometer(found: RobotIdentification) -> Effects:
+    """Place of the accelerometer beyond that of the model file; nothing where a pose was measured."""
+    if found.fit.unknowns.pose_delay is not None:
+        return {}
+    values = {}
+    for axis, stated in zip("xy", found.robot.accelerometer, strict=True):
+        one = found[f"accelerometer_{axis}"]
+        value, low, high = (float(v - stated) for v in (one.value, one.low, one.high))
+        values[axis] = Interval(value, low, high, "m")
+    return {"accelerometer_position": values}

@@ -128,6 +128,13 @@ def _of_sensors(u: Unknowns) -> Iterator[Quantity]:
         words = "delay of the measured heading behind the currents"
         yield Quantity("heading_delay", words, "s", errors(lambda e: late + e.yaw_rate_delay))
         return
+    for k, words in enumerate(("ahead of the centre", "left of the centre")):
+        name = f"accelerometer_{'xy'[k]}"
+
+        def place(c: BalanceConstants, k: int = k) -> float:
+            return c.robot.accelerometer[k]
+
+        yield _constant(u, name, f"accelerometer, {words}", "m", place)
     words = "delay of the accelerometer behind the currents, beyond its bandwidth"
     yield Quantity("acceleration_delay", words, "s", errors(lambda e: e.acceleration_delay))
     words = "delay of the gyro behind the currents, beyond its bandwidth"

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.robot.balance import SLOW, wheel_forces
+from omnimj.estimate.robot.balance import SLOW, felt_by_turning, wheel_forces
 from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.fit import RobotFit
 from omnimj.physics.kinematics import turned
@@ -79,10 +79,17 @@ def _good_stretches(run: RunRows) -> Iterator[slice]:
             yield slice(a, b)
 
 
-def ground_velocity(run: RunRows, move: slice) -> Array:
-    """Body velocity in a drive from rest to rest, from the accelerometer, shape (k, 2) [m/s]."""
-    heading = _integral(run.yaw_rate[move])
-    velocity = np.column_stack([_integral(a) for a in turned(run.acceleration[move], heading).T])
+def ground_velocity(run: RunRows, move: slice, accelerometer: Array) -> Array:
+    """Velocity of the origin in a drive from rest to rest, from the accelerometer, shape (k, 2) [m/s].
+
+    Args:
+      run: The run.
+      move: Rows of the drive.
+      accelerometer: Place of the accelerometer in the body frame, shape (2,) [m].
+    """
+    rate, heading = run.yaw_rate[move], _integral(run.yaw_rate[move])
+    acceleration = run.acceleration[move] - felt_by_turning(accelerometer, rate, run.yaw_acceleration[move])
+    velocity = np.column_stack([_integral(a) for a in turned(acceleration, heading).T])
     velocity -= np.linspace(0.0, 1.0, len(velocity))[:, None] * velocity[-1]
     return turned(velocity, -heading)
 
@@ -97,7 +104,7 @@ def _samples_of(fit: RobotFit, run: RunRows, move: slice, number: int) -> tuple[
     c = constants.robot
     rolling = c.radius * run.wheel_speed[move]
     if run.velocity is None:
-        velocity, spin = ground_velocity(run, move), run.yaw_rate[move]
+        velocity, spin = ground_velocity(run, move, c.accelerometer), run.yaw_rate[move]
     else:  # as it was when the pose was taken
         velocity = run.velocity[move] + errors.acceleration_delay * run.acceleration[move]
         spin = run.yaw_rate[move] + errors.yaw_rate_delay * run.yaw_acceleration[move]

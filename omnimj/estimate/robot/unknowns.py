@@ -36,8 +36,10 @@ CENTRE_SPREAD = 0.03
 """Standard deviation of the centre of mass along each axis [m]."""
 _LOSS, _VISCOUS, _GEAR = 0.15, 1.0, 0.5
 _ROLLERS, _LEAST_ROLLERS = 0.3, 0.005  # relative, and [1] or [s/m] where the nominal friction is small
+_PLACE, _KNOWN_PLACE = 0.05, 1e-6  # [m] of the accelerometer
 _OFFSET, _DELAY, _POSE_DELAY = 0.005, 3e-3, 0.015  # [A], [s], [s]
 _PER_YAW_RATE, _PER_YAW_RATE_SLOW = 1e-6, 0.1  # [A.s/rad] of a log of every sample, and of a slower one
+_PLACES = ("accelerometer_x", "accelerometer_y")
 _DELAYS = ("acceleration_delay", "yaw_rate_delay")
 _BOX = math.sqrt(3.0)  # a box of half-width a has the standard deviation a/√3
 
@@ -103,6 +105,7 @@ class Unknowns:
             inertia=c.inertia * size,
             yaw_inertia=c.yaw_inertia * math.exp(self.value(x, "yaw_inertia")),
             centre=c.centre + np.array([self.value(x, "centre_x"), self.value(x, "centre_y")]),
+            accelerometer=c.accelerometer + np.array([self.value(x, name) for name in _PLACES]),
             roller_dry=c.roller_dry + self.value(x, "roller_dry"),
             roller_viscous=c.roller_viscous + self.value(x, "roller_viscous"),
         )
@@ -110,7 +113,9 @@ class Unknowns:
 
     def of_pose(self, delay: float) -> Unknowns:
         """The unknowns where the body's motion was measured by a camera of some delay [s]."""
-        return replace(self._with_spread(_DELAYS, _POSE_DELAY), pose_delay=delay)
+        nominal = self.nominal._replace(robot=self.nominal.robot._replace(accelerometer=np.zeros(2)))
+        fixed = self._with_spread(_PLACES, _KNOWN_PLACE)
+        return replace(fixed._with_spread(_DELAYS, _POSE_DELAY), nominal=nominal, pose_delay=delay)
 
     def of_slow_logs(self) -> Unknowns:
         """The unknowns where the logs have fewer samples than the controller."""
@@ -154,6 +159,7 @@ def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:
         Unknown("centre_y", CENTRE_SPREAD),
         Unknown("roller_dry", max(_ROLLERS * c.roller_dry, _LEAST_ROLLERS)),
         Unknown("roller_viscous", max(_ROLLERS * c.roller_viscous, _LEAST_ROLLERS)),
+        *(Unknown(name, _PLACE) for name in _PLACES),
         *(Unknown(f"current_offset_{i + 1}", _OFFSET) for i in range(n)),
         Unknown("current_per_yaw_rate", _PER_YAW_RATE),
         *(Unknown(name, _DELAY) for name in _DELAYS),

@@ -261,6 +261,7 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
     # corners have their centre of mass at the height of the axles
     chassis.ipos = [0.0, 0.0, body.mass * (body.com_height - robot.wheel.radius) / sprung]
     chassis.pos = [0.0, 0.0, robot.wheel.radius - rest_depth(robot)]
+    part(spec, "site", "centre").pos = [*robot.accelerometer, 0.0]  # of accelerometer and gyro
     rest = 0.0
     for i, mount in enumerate(robot.wheels, start=1):
         corner, guide = part(spec, "body", f"corner_{i}"), part(spec, "joint", f"guide_{i}")

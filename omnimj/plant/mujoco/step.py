@@ -64,6 +64,8 @@ class TwinArrays(NamedTuple):
     """Rotation of the chassis, shape (3, 3)."""
     gyro: Array
     """Shape (3,) [rad/s]."""
+    accelerometer: Array
+    """Place of the accelerometer ahead of the centre and to its left, shape (2,) [m]."""
     sensed: Array
     """Slip velocity, normal force, traction of the wheels, shape (3, n) [m/s, N, N]."""
     turns: Array
@@ -128,8 +130,8 @@ def unwrap_heading(quaternion, turns):
 def measure_twin(twin):
     """Readings of all sensors now, a new array of shape (2n+4,).
 
-    Accelerometer: Rᵀ(a − g) at the centre; the chassis is a free joint there, whose first three
-    accelerations are those of the centre. The encoders sit on the motors.
+    Accelerometer: Rᵀ(a − g) + ω̇ × r + ω × (ω × r) at its place r. The chassis is a free joint at the centre,
+    whose accelerations are a, in the world, and ω̇, in the body. The encoders sit on the motors.
     """
     n, values = twin.currents.size, twin.values
     for i in range(n):
@@ -139,6 +141,10 @@ def measure_twin(twin):
         values[2 * n + k] = 0.0
         for j in range(3):
             values[2 * n + k] += (twin.qacc[j] - twin.gravity[j]) * twin.axes[j, k]
+    x, y = twin.accelerometer[0], twin.accelerometer[1]
+    w_x, w_y, w_z = twin.gyro[0], twin.gyro[1], twin.gyro[2]
+    values[2 * n] += w_x * w_y * y - (w_y * w_y + w_z * w_z) * x - twin.qacc[5] * y
+    values[2 * n + 1] += w_x * w_y * x - (w_x * w_x + w_z * w_z) * y + twin.qacc[5] * x
     values[2 * n + 2] = twin.gyro[2]
     values[2 * n + 3] = unwrap_heading(twin.qpos[3:7], twin.turns)
     return read_sensors(twin.sensors, twin.steps[0] * twin.period, values)

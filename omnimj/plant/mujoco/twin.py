@@ -304,6 +304,7 @@ class RobotTwin(_Twin):
         self._start_mujoco(timestep)
         self._start = start
         self._rest_height = robot.wheel.radius - rest_depth(robot)
+        self._accelerometer = robot.accelerometer
         self._sensors = RobotSensors(
             robot.sensors,
             robot.motor,
@@ -349,6 +350,7 @@ class RobotTwin(_Twin):
             gravity=self.mj_model.opt.gravity,
             axes=self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3),
             gyro=self.mj_data.sensor("gyro").data,
+            accelerometer=self._accelerometer,
             sensed=block.reshape(self._wheels, fields)[:, :3].T,
             turns=np.array([self._start[2], 0.0]),
             steps=np.array([-1]),

@@ -151,6 +151,7 @@ def test_effects_of_the_planar_plant_come_back(tmp_path):
         "torque_constant": {"wheel": 2, "scale": 0.9},
         "payload": {"mass": 1.5, "x": 0.08, "y": -0.05},
         "bearing_friction": {"wheel": 3, "torque": 0.03},
+        "accelerometer_position": {"x": 0.06, "y": -0.04},
     }
     dataset = record("robot_missions", tmp_path / "logs", plant="planar", effects=effects)
     found, robot = identify_robot(dataset, read_robot()), read_robot()
@@ -160,6 +161,8 @@ def test_effects_of_the_planar_plant_come_back(tmp_path):
     assert found["mass_ratio"].value == pytest.approx(nominal * mass / 0.975, rel=0.02)
     assert found["centre_x"].value == pytest.approx(1.5 * 0.08 / mass, abs=0.003)
     assert found["centre_y"].value == pytest.approx(-1.5 * 0.05 / mass, abs=0.003)
+    assert found["accelerometer_x"].value == pytest.approx(0.06, abs=0.005)
+    assert found["accelerometer_y"].value == pytest.approx(-0.04, abs=0.005)
     efficiency = found["back_driving_efficiency"].value
     assert efficiency == pytest.approx(robot.motor.gear_efficiency, rel=0.02)
     size = found["torque_constant"].value / (0.975 * robot.motor.torque_constant)

@@ -214,8 +214,11 @@ def test_a_lean_model_steps_to_the_same_state(robot, floors):
     assert np.allclose(*states, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.12, -0.07)])
 @pytest.mark.parametrize("current", [(0.4, -0.9, -0.3, 0.8), (0.7, 0.7, 0.7, 0.9)])
-def test_the_twin_s_accelerations_are_those_of_mujoco_s_accelerometer(robot, floors, current):
+def test_the_twin_s_accelerations_are_those_of_mujoco_s_accelerometer(robot, floors, current, place):
+    body = dataclasses.replace(robot.body, accelerometer_x=place[0], accelerometer_y=place[1])
+    robot = dataclasses.replace(robot, body=body)
     full = robot_model(robot, floors["natural_stone"])
     d = mujoco.MjData(full)
     twin = RobotTwin(robot, floors["natural_stone"], ideal_sensors=True)

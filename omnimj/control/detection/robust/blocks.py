@@ -389,3 +389,16 @@ def take_block(s, period):
     s.total[:] = 0.0
     s.missing[:] = 0.0
     return block
+
+
+@kernel
+def move_to_centre(accelerometer, block):
+    """Turn the acceleration a at the sensor's place r into that of the centre, a − ω̇ × r + ω² r, in place.
+
+    Args:
+      accelerometer: r in the body frame, shape (2,) [m].
+      block: `Block`.
+    """
+    x, y, square = accelerometer[0], accelerometer[1], block.yaw_rate * block.yaw_rate
+    block.acceleration[0] += block.yaw_acceleration * y + square * x
+    block.acceleration[1] += square * y - block.yaw_acceleration * x

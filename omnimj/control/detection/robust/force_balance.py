@@ -303,11 +303,18 @@ def whiten(robot, theta, current, recent, accommodation, x, rho):
       x: X, shape (3, p) or with further columns, changed in place.
       rho: ρ, shape (3,), changed in place.
     """
-    cov = np.zeros((3, 3))
+    cov, spin = np.zeros((3, 3)), np.empty(3)
+    # the error of ω̇, with what it adds where the accelerometer is not at the centre
+    per_moment = robot.mass / robot.yaw_inertia
+    spin[0], spin[1] = per_moment * robot.accelerometer[1], -per_moment * robot.accelerometer[0]
+    spin[2] = 1.0
     for k in range(3):
-        cov[k, k] = NOISE[k] * NOISE[k]
-        if k < 2 and accommodation.excluded_axes[k]:
-            cov[k, k] = _UNKNOWN
+        for j in range(3):
+            cov[k, j] = NOISE[2] * NOISE[2] * spin[k] * spin[j]
+        if k < 2:
+            cov[k, k] += NOISE[k] * NOISE[k]
+            if accommodation.excluded_axes[k]:
+                cov[k, k] = _UNKNOWN
     for i in range(current.size):
         _add_unknown_forces(robot, theta, current, recent, accommodation, i, cov, x)
     _scale_rows(cov, x, rho)

@@ -25,7 +25,7 @@ from omnimj.control.detection.robust.accommodation import (
     substitute_sensors,
 )
 from omnimj.control.detection.robust.answered import Answered, answered_by, is_answered, nothing_answered
-from omnimj.control.detection.robust.blocks import failed_channels, take_block
+from omnimj.control.detection.robust.blocks import failed_channels, move_to_centre, take_block
 from omnimj.control.detection.robust.decision import decide, is_uneventful
 from omnimj.control.detection.robust.evidence import Evidence, restart_evidence, update_evidence
 from omnimj.control.detection.robust.thresholds import Thresholds
@@ -112,6 +112,7 @@ def judge_block(parameters, samples, evidence, x, yaw, time):
     n, likelihood, gap = x.losses.size, evidence.scores.likelihood, samples.gap
     block = take_block(samples, parameters.sample_period)
     block = substitute_sensors(parameters, block, evidence, x.known)
+    move_to_centre(parameters.robot.accelerometer, block)
     accommodation = accommodation_for(x.known, x.losses, x.relearning > 0)
     x.restarted = gap > 0.0
     if gap > 0.0:

@@ -9,9 +9,11 @@ import pytest
 
 from omnimj.control.detection.robust import RobustDetector, RobustState
 from omnimj.control.detection.robust.blocks import (
+    Block,
     Sample,
     Samples,
     initial_samples,
+    move_to_centre,
     samples_per_block,
     sampling_parameters,
     take_block,
@@ -73,6 +75,17 @@ def test_a_block_holds_the_sums_of_aligned_samples_and_what_the_amplifiers_still
     assert block.commanded == pytest.approx(block.current + (command - current).mean(axis=0))
     assert block.wheel_acceleration == pytest.approx((late[-1, 4:8] - late[0, 4:8]) / (1e-3 * BLOCK))
     assert empty.number == 0 and not empty.total.any() and not empty.missing.any()
+
+
+def test_a_body_that_spins_about_its_centre_has_no_acceleration_there_wherever_it_is_measured():
+    """Angle φ(t) = 0.8 t + 0.3 t²: the sensor at r reads the second derivative of its track R(φ) r."""
+    place, t, h = np.array([0.09, -0.05]), 0.7, 1e-4
+    track = np.array([np.exp(1j * (0.8 * s + 0.3 * s * s)) * complex(*place) for s in (t - h, t, t + h)])
+    felt = (track[0] - 2.0 * track[1] + track[2]) / h**2 / np.exp(1j * (0.8 * t + 0.3 * t * t))
+    read, none = np.array([felt.real + 0.2, felt.imag - 0.1]), np.zeros(4)
+    assert abs(felt) > 0.1
+    move_to_centre(place, Block(none, none, read, 0.8 + 0.6 * t, none, 0.6, none, 0.01))
+    assert read == pytest.approx([0.2, -0.1], abs=1e-5)  # that of the centre itself
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.2, 0.45])
