@@ -29,7 +29,7 @@ from omnimj.estimate.rig_runs import DISSERTATION_TABLE, FLOOR_FRICTION, require
 from omnimj.estimate.robot.identify import identify_robot, require_robot
 from omnimj.estimate.robot.records import RobotIdentification
 from omnimj.parameters import Floor, read_rig, read_robot
-from omnimj.parameters.floor import all_floors
+from omnimj.parameters.floor import all_floors, own_floors
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.simulate.detectors import default_method
@@ -203,7 +203,8 @@ def diagnose(
       dataset: Folder of the runs, or the dataset itself.
       method: `robust` (default on the robot) or `published` (default on the rig).
       model: Model file of the machine; the shipped one when None.
-      floors: Floors beside the shipped ones, or in their place where names are alike.
+      floors: Floors beside the shipped ones, or in their place where names are alike; the
+        robust method expects their creep and drag.
       thresholds: Thresholds of the robust method; the shipped ones when None.
       accept: Whether to go on with logs in which time, a unit or a sign is wrong throughout.
 
@@ -215,7 +216,7 @@ def diagnose(
       DataFaultError: Time, a unit or a sign is wrong in all of the logs, and they are not accepted.
       UnknownNameError: No such method.
     """
-    config = _diagnosis(dataset, method, model, all_floors(floors), thresholds)
+    config = _diagnosis(dataset, method, model, floors, thresholds)
     sound, _ = sound_logs(config.dataset, config.machine.constants, accept)
     config = replace(config, dataset=sound)
     check_config(config)
@@ -235,14 +236,15 @@ def calibrate(
       dataset: Folder of the runs, or the dataset itself.
       false_alarms_per_hour: Rate of false alarms per hour of motion, all thresholds together; above 0.
       model: Model file of the robot; the shipped one when None.
-      floors: Floors beside the shipped ones, or in their place where names are alike.
+      floors: Floors beside the shipped ones, or in their place where names are alike; the
+        method expects their creep and drag.
       accept: Whether to go on with data that have certain faults; gross units are then corrected.
 
     Raises:
       InputError: There is too little motion, or a sensor has obviously failed.
       DataFaultError: The data have certain faults and are not accepted.
     """
-    config = _diagnosis(dataset, "robust", model, all_floors(floors), None)
+    config = _diagnosis(dataset, "robust", model, floors, None)
     sound, _ = sound_dataset(config.dataset, config.machine.constants, accept)
     config = replace(config, dataset=sound)
     check_config(config)
@@ -307,9 +309,11 @@ def _diagnosis(
     dataset: Path | str | Dataset,
     method: str | None,
     model: Path | str | None,
-    floors: Mapping[str, Floor],
+    floors: Path | str | None,
     thresholds: Thresholds | None,
 ) -> DiagnosisConfig:
-    read = _dataset(dataset, floors)
+    known, expected = all_floors(floors), own_floors(floors)
+    read = _dataset(dataset, known)
     machine = read_machine(read, model)
-    return DiagnosisConfig(read, machine, resolve_method(method, machine), floors, thresholds)
+    method = resolve_method(method, machine)
+    return DiagnosisConfig(read, machine, method, known, thresholds, expected_floors=expected)

@@ -137,7 +137,7 @@ def _diagnose_dataset(
 def _diagnosis_config(arguments: Any) -> DiagnosisConfig:
     from omnimj.diagnosis.logs import read_machine, resolve_method
     from omnimj.diagnosis.replay import DiagnosisConfig
-    from omnimj.parameters.floor import all_floors
+    from omnimj.parameters.floor import all_floors, own_floors
     from omnimj.recording.read_dataset import read_dataset
 
     floors = all_floors(arguments.floors)
@@ -146,7 +146,8 @@ def _diagnosis_config(arguments: Any) -> DiagnosisConfig:
     method = resolve_method(arguments.method, machine)
     thresholds = read_thresholds(arguments.thresholds, method)
     observer = read_observer_gains(arguments.gains, method)
-    return DiagnosisConfig(dataset, machine, method, floors, thresholds, observer)
+    expected = own_floors(arguments.floors)
+    return DiagnosisConfig(dataset, machine, method, floors, thresholds, observer, expected)
 
 
 def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
@@ -164,7 +165,6 @@ def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
 
 def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[RunSection], bool]:
     """Diagnose all runs; write each trace at once and keep only its diagnoses and report section."""
-    from omnimj.diagnosis.logs import make_detector
     from omnimj.diagnosis.replay import diagnose
     from omnimj.recording.folder import make_folder
     from omnimj.recording.traces import write_trace
@@ -173,7 +173,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
     from omnimj.view.report.page import MOST_FIGURES
 
     out, runs = arguments.out, order.dataset.runs
-    names = make_detector(order.method, order.machine, runs[0], order.floors).log_names
+    names = order.detector_for(runs[0]).log_names
     found: list[RunDiagnosis] = []
     sections: list[RunSection] = []
     try:
@@ -277,7 +277,7 @@ def run_calibrate(arguments: Any) -> int:
 def _calibration_config(arguments: Any) -> DiagnosisConfig:
     from omnimj.diagnosis.logs import read_machine
     from omnimj.diagnosis.replay import DiagnosisConfig
-    from omnimj.parameters.floor import all_floors
+    from omnimj.parameters.floor import all_floors, own_floors
     from omnimj.recording.read_dataset import read_dataset
 
     floors = all_floors(arguments.floors)
@@ -286,9 +286,8 @@ def _calibration_config(arguments: Any) -> DiagnosisConfig:
         rule = "the robust method, whose thresholds these are, is for the robot"
         raise InputError(arguments.dataset, f"plant is {dataset.plant!r}", rule, ("uto_robot",))
     observer = read_observer_gains(arguments.gains, "robust")
-    return DiagnosisConfig(
-        dataset, read_machine(dataset, arguments.model), "robust", floors, observer=observer
-    )
+    machine, expected = read_machine(dataset, arguments.model), own_floors(arguments.floors)
+    return DiagnosisConfig(dataset, machine, "robust", floors, observer=observer, expected_floors=expected)
 
 
 def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path | None) -> str:

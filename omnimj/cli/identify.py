@@ -271,7 +271,7 @@ examples:
   omnimj identify data/currents --out out/floors
   omnimj validate data/validation --floors out/floors/floors.toml --out out/validation
   omnimj identify data/healthy --model my_robot.toml --out out/robot
-  omnimj diagnose data/missions --model out/robot/model.toml --out out/diagnosis""",
+  omnimj diagnose data/missions --model out/robot/model.toml --floors out/robot/floors.toml --out out/logs""",
     add_identify_arguments,
     run_identify,
 )

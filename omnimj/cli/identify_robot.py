@@ -66,12 +66,13 @@ def _write_thresholds(out: Path, dataset: Dataset, command: str) -> list[str]:
     from omnimj.diagnosis.logs import read_machine
     from omnimj.diagnosis.replay import DiagnosisConfig, check_config
     from omnimj.estimate.robot import files
-    from omnimj.parameters.floor import all_floors
+    from omnimj.parameters.floor import all_floors, own_floors
 
     if dataset.pose_measured:
         return ["no thresholds: the detector needs an inertial unit; those of omnimj hold"]
     machine = read_machine(dataset, out / files.MODEL_FILE)
-    config = DiagnosisConfig(dataset, machine, "robust", all_floors())
+    file = out / files.FLOORS_FILE
+    config = DiagnosisConfig(dataset, machine, "robust", all_floors(file), expected_floors=own_floors(file))
     try:
         check_config(config)
         found = calibrate(config, DEFAULT_RATE)

@@ -44,6 +44,8 @@ class ExpectedFloor(NamedTuple):
     yields: Array
     """Deflection of the bristles under each wheel per traction, shape (n,) [m/N]: an error of the traction is
     as much of slipped way."""
+    stroke: float
+    """Largest deflection of the bristles, in full sliding [m]."""
 
 
 def expected_floor(robot: Robot, floor: Floor | None) -> ExpectedFloor:
@@ -54,14 +56,16 @@ def expected_floor(robot: Robot, floor: Floor | None) -> ExpectedFloor:
     """
     n = len(robot.wheels)
     if floor is None:
-        return ExpectedFloor(False, TractionParameters(*[0.0] * TRACTION_SIZE), np.zeros(n), np.zeros(n))
+        return ExpectedFloor(False, TractionParameters(*[0.0] * TRACTION_SIZE), np.zeros(n), np.zeros(n), 0.0)
     changed = apply_effects(robot)
     made = planar_constants(changed.machine, changed.misalignment, changed.radius_scale, 1.0, changed.payload)
     wheels: list[PlanarWheel] = [planar_wheel_at(row) for row in made.wheels]
     traction = TractionParameters(*map(float, changed.floor(floor).traction))
     loads = np.array([wheel.normal for wheel in wheels])
     stiffness = force_ratio(traction, _DEFLECTION, 0.0, 0.0) / _DEFLECTION
-    floor_given = ExpectedFloor(True, traction, loads, np.zeros(n))
+    rate = relaxation_rate(traction, _FASTEST, 0.0)
+    stroke = _FASTEST / rate if rate > 0.0 else np.inf
+    floor_given = ExpectedFloor(True, traction, loads, np.zeros(n), float(stroke))
     effective = np.array([effective_load(floor_given, i, 1.0) for i in range(n)])
     return floor_given._replace(yields=1.0 / (stiffness * effective))
 
@@ -71,6 +75,18 @@ def largest_drag(robot: Robot, floor: Floor) -> float:
     traction = apply_effects(robot).floor(floor).traction
     most = traction.rolling_resistance + traction.roller_resistance + traction.roller_dry
     return most * robot.body.mass * GRAVITY
+
+
+@kernel
+def yielded_way(floor, i, force):
+    """Way by which the bristles under wheel i may yield while its traction goes from −F to F [m].
+
+    Args:
+      floor: `ExpectedFloor`.
+      i: Wheel.
+      force: F [N].
+    """
+    return 2.0 * min(force * floor.yields[i], floor.stroke)
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,7 +101,8 @@ def make_detector(
     name: str,
     machine: Machine,
     run: Run,
-    floors: Mapping[str, Floor],
+    floor: Floor,
+    expected_floor: Floor | None = None,
     thresholds: Thresholds | None = None,
     observer: ObserverGains | None = None,
 ) -> RecordingDetector:
@@ -110,8 +111,9 @@ def make_detector(
     Args:
       name: Name of the method.
       machine: Machine that the logs come from.
-      run: The run, whose conditions name floor and mass.
-      floors: Floors by name.
+      run: The run, whose conditions may state a mass.
+      floor: Floor of the run, which the published method assumes.
+      expected_floor: Floor that the robust method expects; None: it knows nothing of the floor.
       thresholds: Thresholds of the robust method; the shipped ones when None.
       observer: Observer gains of the robust method; the shipped ones when None.
 
@@ -124,8 +126,15 @@ def make_detector(
         body = dataclasses.replace(constants.body, mass=float(mass))
         constants = dataclasses.replace(constants, body=body)
     load = None if mass is None else float(mass)
-    floor = floors[str(run.conditions["floor"])]
-    detector = detector_for(name, constants, floor, mass=load, thresholds=thresholds, observer=observer)
+    detector = detector_for(
+        name,
+        constants,
+        floor,
+        mass=load,
+        thresholds=thresholds,
+        observer=observer,
+        expected_floor=expected_floor,
+    )
     if detector is None:
         raise InputError("--method", f"found {name!r}", "it diagnoses nothing")
     return detector

@@ -288,6 +288,8 @@ class DiagnosisConfig:
     """Thresholds of the robust method; the shipped ones when None."""
     observer: ObserverGains | None = None
     """Observer gains of the robust method; the shipped ones when None."""
+    expected_floors: frozenset[str] = frozenset()
+    """Floors whose creep and drag the robust method expects, from `own_floors`; it knows no others."""
 
     def detector_for(self, run: Run) -> RecordingDetector:
         """Make the detector of one run.
@@ -296,7 +298,9 @@ class DiagnosisConfig:
           UnknownNameError: The method does not exist.
           InputError: The method is not for this machine.
         """
-        return make_detector(self.method, self.machine, run, self.floors, self.thresholds, self.observer)
+        floor = self.floors[str(run.conditions["floor"])]
+        expected = floor if floor.name in self.expected_floors else None
+        return make_detector(self.method, self.machine, run, floor, expected, self.thresholds, self.observer)
 
 
 def check_config(config: DiagnosisConfig) -> None:

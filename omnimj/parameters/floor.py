@@ -220,6 +220,16 @@ def all_floors(*own: Path | str | None) -> dict[str, Floor]:
     return floors
 
 
+def own_floors(file: Path | str | None) -> frozenset[str]:
+    """Names of the floors of a user's file, none without a file: the robust method expects their creep.
+
+    Raises:
+      InputError: A value is missing or breaks its rule.
+      UnknownNameError: A law or key that does not exist.
+    """
+    return frozenset(read_floors(file)) if file is not None else frozenset()
+
+
 def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = None) -> Floor:
     """Look up a floor by name.
 

@@ -54,7 +54,8 @@ def make_detector(
     """Make the detector of a method for the robot or rig of a scenario; None for `off`.
 
     The detector assumes the constants of the model file, without faults. The published method assumes the
-    scenario's floor without patches, the robust one that which `[diagnosis]` states, or `drive.creep_floor`.
+    scenario's floor without patches, the robust one
+    `Scenario.expected_floor`.
 
     Args:
       name: One of `METHODS`.

@@ -27,7 +27,8 @@ FLOORS = read_floors()
 
 def diagnose(run: Run, method: str = "robust"):
     machine = read_machine(as_dataset(run))
-    return replay(run, sample_run(run, machine), machine, make_detector(method, machine, run, FLOORS))
+    detector = make_detector(method, machine, run, FLOORS[str(run.conditions["floor"])])
+    return replay(run, sample_run(run, machine), machine, detector)
 
 
 def without(run: Run, first: int, count: int) -> Run:
@@ -236,3 +237,12 @@ def test_the_content_of_diagnoses_json_states_thresholds_and_observer_where_they
     assert shipped["thresholds"] is None and shipped["observer"] is None
     assert own["thresholds"] == {**Thresholds()._asdict(), "motor": 31.0}
     assert own["observer"] == dataclasses.asdict(ObserverGains())
+
+
+def test_the_robust_method_expects_the_floors_of_a_user_s_file_and_knows_nothing_of_others():
+    run, dataset = as_run(driven()), Dataset(Path("logs"), "uto_robot", ())
+    plain = DiagnosisConfig(dataset, read_machine(dataset), "robust", FLOORS)
+    floor = str(run.conditions["floor"])
+    for expected, stated in ((frozenset(), False), (frozenset({floor}), True), (frozenset({"ice"}), False)):
+        detector = dataclasses.replace(plain, expected_floors=expected).detector_for(run)
+        assert isinstance(detector, RobustDetector) and detector.constants.robot.floor.stated == stated

@@ -17,7 +17,7 @@ from omnimj.control.gains import Gains
 from omnimj.effects import check_effects
 from omnimj.errors import InputError
 from omnimj.parameters import Rig, Robot, read_rig, read_robot
-from omnimj.parameters.floor import Floor, all_floors, find_floor
+from omnimj.parameters.floor import Floor, all_floors, find_floor, own_floors
 from omnimj.parameters.reading import Rule, check_choice, read_toml, require_keys
 from omnimj.plant.faults import Fault, read_fault
 from omnimj.plant.ground import Patch, read_patch
@@ -103,6 +103,8 @@ class Scenario:
     """Options of the diagnosis methods."""
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
+    own_floors: frozenset[str] = frozenset()
+    """Floors that a user's file describes; the robust method expects their creep and drag."""
     gains: Gains | None = None
     """Gains of recovery and observer; the shipped ones when None. The cascade's gains are in `constants`."""
 
@@ -142,10 +144,15 @@ class Scenario:
 
     @property
     def expected_floor(self) -> Floor | None:
-        """Floor that the diagnosis expects, by default that of the feed-forward; None if none is stated."""
+        """Floor that the diagnosis expects; None if none is stated.
+
+        By default that of the feed-forward, or else that of the hall where a user's file describes it.
+        """
         stated = self.diagnosis.floor
         if stated is None and isinstance(self.drive, Drive):
             stated = self.drive.creep_floor
+        if stated is None and self.floor in self.own_floors:
+            stated = self.floor
         return self.floors[stated] if stated else None
 
     @property
@@ -216,6 +223,7 @@ def _read(
         constants=constants,
         floor=find_floor(text_entry(tree, "floor", place), f"{place}: floor", floors).name,
         floors=MappingProxyType(floors),
+        own_floors=own_floors(floors_file),
         duration=number_entry(tree, "duration", place, _DURATION),
         equations=_equations(tree, place),
         scene=read_scene_key(tree, path),

@@ -18,7 +18,7 @@ from omnimj.control.detection.detector import DetectorOptions
 from omnimj.effects import check_effects
 from omnimj.errors import OmnimjError
 from omnimj.parameters import read_robot
-from omnimj.parameters.floor import all_floors, find_floor
+from omnimj.parameters.floor import all_floors, find_floor, own_floors
 from omnimj.plant.interface import Plant
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, Target, Trace
 from omnimj.simulate.driving import Controller, ControllerRow
@@ -247,6 +247,7 @@ def free_drive(
         constants=robot,
         floor=find_floor(floor, "--floor", floors).name,
         floors=MappingProxyType(floors),
+        own_floors=own_floors(floors_file),
         duration=0.0,
         level="physics",
         drive=Drive(nowhere, yaw_loop=True, heading_hold=True, heading_feedback=True, start=(0.0, 0.0, 0.0)),

@@ -226,6 +226,17 @@ def test_floors_of_a_scenario_lie_beside_it_or_among_the_shipped_models(tmp_path
     assert read_scenario(path, floors_file=tmp_path / "others.toml").floors["mat"].numbers["mu"] == 0.6
 
 
+def test_the_diagnosis_expects_the_hall_s_floor_where_a_given_file_describes_it(tmp_path):
+    mats = tmp_path / "mats.toml"
+    mats.write_text("[mat]\n" + "\n".join(MAT), encoding="utf-8")
+    on_mat = read_scenario("circle_8m", ["floor=mat"], floors_file=mats)
+    assert on_mat.expected_floor == on_mat.floors["mat"]
+    assert read_scenario("circle_8m", floors_file=mats).expected_floor is None
+    assert read_scenario("circle_8m").expected_floor is None
+    other = read_scenario("circle_8m", ["floor=mat", "diagnosis.floor=linoleum"], floors_file=mats)
+    assert other.expected_floor == other.floors["linoleum"]
+
+
 # fmt: off
 KEYS = st.sampled_from([
     "floor", "duration", "level", "drive", "faults", "faults.0", "faults.0.loss", "faults.0.kind",

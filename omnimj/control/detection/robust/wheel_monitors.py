@@ -28,7 +28,7 @@ from omnimj.control.detection.robust.slip import (
     speed_deviation,
     wheel_slip,
 )
-from omnimj.control.expected_floor import creep_under, effective_load
+from omnimj.control.expected_floor import creep_under, effective_load, yielded_way
 from omnimj.control.robot_constants import CREEP_SLOPE
 from omnimj.physics.equilibrium import SMOOTHING, steady_ratio
 from omnimj.physics.native import kernel
@@ -234,7 +234,7 @@ def _standing_weight(parameters, passed, i):
     if not floor.stated:
         return 1.0
     dry = robot.dry[i] + floor.traction.rolling_resistance * floor.loads[i] + _FORCE
-    return min(passed * parameters.thresholds.stuck / (2.0 * dry * floor.yields[i]), 1.0)
+    return min(passed * parameters.thresholds.stuck / yielded_way(floor, i, dry), 1.0)
 
 
 class ContactSlip(NamedTuple):
@@ -296,7 +296,7 @@ def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
     excess = beyond - _SIGMAS * deviation
     allowed = ALLOWED + ALLOWED_TURNING * abs(yaw_rate)
     if judged and pull > AGREES:
-        free = 2.0 * _FORCE * floor.yields[i]
+        free = yielded_way(floor, i, _FORCE)
         way = monitors.yielded[i] + monitors.slipped[i] + period * (excess - allowed)
         monitors.slipped[i] = min(max(way - free, 0.0), MOST)
         monitors.yielded[i] = min(max(way, 0.0), free)

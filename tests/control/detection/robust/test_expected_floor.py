@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from steady_driving import steady_wheel_speeds
@@ -12,7 +14,13 @@ from omnimj.control.detection.robust.blocks import Block
 from omnimj.control.detection.robust.detector import RobustDetector
 from omnimj.control.detection.robust.force_balance import SLOW, SLOW_SIDEWAYS, balance, columns, roller_speeds
 from omnimj.control.detection.robust.thresholds import Thresholds
-from omnimj.control.expected_floor import creep_under, effective_load, expected_floor, largest_drag
+from omnimj.control.expected_floor import (
+    creep_under,
+    effective_load,
+    expected_floor,
+    largest_drag,
+    yielded_way,
+)
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import read_floors
@@ -90,6 +98,17 @@ def test_loads_are_those_of_the_centre_of_mass_and_bristles_yield_by_the_law():
     for i in range(N):
         yields = 1.0 / (FLOORS["gray"].traction.sigma_0 * effective_load(floor, i, 1.0))
         assert floor.yields[i] == pytest.approx(yields)
+
+
+def test_bristles_yield_no_further_than_full_sliding_takes_them():
+    """A floor whose traction is all slip speed has a bristle of 1 mm that hardly counts, however soft."""
+    numbers = {"mu_c": 1e-3, "mu_s": 1e-3, "V_s": 1.0, "sigma_0": 1.0, "sigma_1": 0.0, "sigma_2": 2.5}
+    floor = expected_floor(ROBOT, dataclasses.replace(FLOORS["gray"], law="lugre", numbers=numbers))
+    assert floor.stroke == pytest.approx(1e-3) and floor.yields[0] > 0.01
+    assert yielded_way(floor, 0, 0.7) == pytest.approx(2e-3)
+    stiff = expected_floor(ROBOT, FLOORS["gray"])
+    assert yielded_way(stiff, 0, 0.7) == pytest.approx(1.4 * stiff.yields[0])
+    assert yielded_way(stiff, 0, 0.7) < 2.0 * stiff.stroke
 
 
 def test_a_detector_without_a_stated_floor_knows_nothing_of_it():
