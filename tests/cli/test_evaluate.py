@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from omnimj.resources import models_folder
+
 
 @pytest.mark.parametrize(
     ("argv", "expected"),
@@ -34,3 +36,13 @@ def test_out_is_needed_and_must_be_empty(refused, tmp_path):
     assert "required: --out" in refused("evaluate")
     (tmp_path / "mine.txt").touch()
     assert "is not empty" in refused("evaluate", "--out", str(tmp_path))
+
+
+def test_an_effect_of_the_model_file_that_does_not_exist_is_refused_before_any_case(refused, tmp_path):
+    shipped = (models_folder() / "uto_robot" / "robot.toml").read_text(encoding="utf-8")
+    effect = "\n[effects.nonsense]\nx = { value = 1.0, unit = '1', source = 'chosen' }\n"
+    model = tmp_path / "bad.toml"
+    model.write_text(shipped + effect, encoding="utf-8")
+    message = refused("evaluate", "--out", str(tmp_path / "out"), "--model", str(model))
+    assert "bad.toml: effects" in message and "unknown effect of uto_robot 'nonsense'" in message
+    assert not (tmp_path / "out").exists()

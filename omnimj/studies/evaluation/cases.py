@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.effects.machine import check_effects
 from omnimj.errors import InputError
 from omnimj.parameters import Robot, read_floors, read_robot
 from omnimj.plant.faults import Fault, fault_record
@@ -281,12 +282,15 @@ _SETTABLE = ("drive.yaw_loop", "drive.heading_hold", "drive.heading_feedback")
 
 
 def require_four_wheels(population: CasePopulation) -> None:
-    """Check the model and the floors of a population.
+    """Check the model, its effects and the floors of a population.
 
     Raises:
       InputError: A file is invalid, or the robot has another number of wheels.
+      UnknownNameError: An effect of the model file does not exist.
     """
-    wheels = read_robot(population.model).wheel_count
+    robot = read_robot(population.model)
+    check_effects(robot)
+    wheels = robot.wheel_count
     if wheels != WHEELS:
         rule = f"cases are drawn for {WHEELS} wheels"
         raise InputError(f"--model {population.model}", f"has {wheels} [[wheels]]", rule)
