@@ -37,6 +37,7 @@ def diagnoses_json(
         "method": config.method,
         "thresholds": None if config.thresholds is None else config.thresholds._asdict(),
         "observer": None if config.observer is None else dataclasses.asdict(config.observer),
+        "expected_floors": sorted(config.expected_floors) if config.method == "robust" else [],
         "version": omnimj.__version__,
         "command": command,
         "interrupted": interrupted,

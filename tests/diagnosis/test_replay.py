@@ -229,14 +229,20 @@ def test_a_biased_gyro_is_no_fault():
     assert not diagnose(run).diagnoses
 
 
-def test_the_content_of_diagnoses_json_states_thresholds_and_observer_where_they_were_given():
+def test_the_content_of_diagnoses_json_states_thresholds_observer_and_floors_where_they_were_given():
     dataset = Dataset(Path("logs"), "uto_robot", ())
     plain = DiagnosisConfig(dataset, read_machine(dataset), "robust", FLOORS)
-    given = dataclasses.replace(plain, thresholds=Thresholds(motor=31.0), observer=ObserverGains())
+    given = dataclasses.replace(
+        plain,
+        thresholds=Thresholds(motor=31.0),
+        observer=ObserverGains(),
+        expected_floors=frozenset({"pvc", "mat"}),
+    )
     shipped, own = (json.loads(json.dumps(diagnoses_json(one, (), "", False))) for one in (plain, given))
     assert shipped["thresholds"] is None and shipped["observer"] is None
     assert own["thresholds"] == {**Thresholds()._asdict(), "motor": 31.0}
     assert own["observer"] == dataclasses.asdict(ObserverGains())
+    assert shipped["expected_floors"] == [] and own["expected_floors"] == ["mat", "pvc"]
 
 
 def test_the_robust_method_expects_the_floors_of_a_user_s_file_and_knows_nothing_of_others():

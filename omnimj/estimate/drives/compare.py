@@ -15,7 +15,7 @@ from omnimj.physics.kinematics import rolling_matrix, turned
 from omnimj.signals import Array
 
 FEWEST_RUNS = 4
-"""Runs on a floor from which the marker's angle can be told: a single one would hide its own error in it."""
+"""Fewest runs on a floor that determine the marker's angle: a single one would hide its own error in it."""
 _MOVING = 0.02  # [m/s] slower runs turn on the spot
 _TURNS = 0.2  # [rad/s] slower wheels' friction has no known sign
 _GAP = 1.25  # ratio of neighbouring speeds at which a new group begins

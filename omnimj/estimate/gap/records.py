@@ -121,7 +121,7 @@ class Outside:
     words: str
     """Description with its size: `a force of 0.49 N that repeats every 0.228 m along the rail`."""
     causes: str
-    """What may lie behind it, as a list."""
+    """Possible causes, as a list in one sentence."""
     values: Mapping[str, float]
     """Its numbers in SI units, by name: `force` and `period`, say."""
     remains: float

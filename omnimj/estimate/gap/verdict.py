@@ -91,7 +91,7 @@ class _Achieved:
     varies: str
     """Effect and variable of the strength that explains more than any free curve; empty without one."""
     by: str
-    """What removes it: the named effects, with structure outside the library where there is some."""
+    """Named effects that remove it, with structure outside the library where there is some."""
 
 
 def judge_search(found: SearchResult) -> Verdict:

@@ -147,7 +147,7 @@ class Structure(CandidateEffect):
     """Structure outside the library, which the search may have in its model beside the effects."""
 
     causes: str = ""
-    """What may lie behind it, as a list."""
+    """Possible causes, as a list in one sentence."""
     is_outside: ClassVar[bool] = True
 
     def describe(self, numbers: Array) -> Description:

@@ -194,7 +194,8 @@ def _groups(found: RobotIdentification) -> Mapping[str, list[str]]:
     names = [one.name for one in found.estimates]
     wheels = [n for n in names if n.startswith(("torque_ratio_", "dry_loss_", "viscous_loss_", "loss_"))]
     motors = [n for n in names if n.startswith("torque_constant") or n == "back_driving_efficiency"]
-    sensors = [n for n in names if n.startswith("current_offset") or n.endswith("_delay")]
+    of_sensors = ("current_offset", "accelerometer")
+    sensors = [n for n in names if n.startswith(of_sensors) or n.endswith("_delay")]
     rest = [n for n in names if n not in (*wheels, *motors, *sensors)]
     return {"Motors": motors, "Wheels": wheels, "Body and rollers": rest, "Sensors": sensors}
 

@@ -251,7 +251,7 @@ class Simulation(NamedTuple):
     model: int
     data: int
     time_step: float
-    """Of the model [s]."""
+    """Time step of the model [s]."""
     qpos: Array
     qvel: Array
     qacc: Array
