@@ -30,7 +30,7 @@ from omnimj.control.detection.robust.blocks import (
     take_sample,
 )
 from omnimj.control.detection.robust.detector import RobustDetector
-from omnimj.control.detection.robust.evidence import Evidence, RobustParameters, initial_evidence
+from omnimj.control.detection.robust.evidence import Evidence, initial_evidence
 from omnimj.control.detection.robust.judgement import (
     Decisions,
     Judgement,
@@ -181,8 +181,8 @@ def _step(parameters, record, now, is_judged):
 @kernel
 def _judge_and_end(parameters, constants, record, evidence, now):
     """Judge the full block and end the step, unless a decision is due first. Returns an outcome."""
-    robust, x = opened(constants[0], RobustParameters), record[0]
-    if judge_block(robust, x.samples, opened(evidence[0], Evidence), x.judged, now.yaw, now.time):
+    x = record[0]
+    if judge_block(constants[0], x.samples, evidence[0], x.judged, now.yaw, now.time):
         return _DECISION_IS_DUE
     return _BRAKES if respond(parameters[0], x, now, True) else _DRIVES
 
@@ -203,7 +203,7 @@ class CompiledState(NamedTuple):
     @property
     def evidence(self) -> Evidence:
         """Evidence of the force channel and the slip channel, views into the record."""
-        return opened(self.memory[0], Evidence)
+        return opened(self.memory, Evidence)
 
     @property
     def log(self) -> Array:
@@ -310,7 +310,7 @@ class CompiledController:
         """
         detector, judged = self._detector, state.record["judged"]
         decisions = decide_block(
-            detector.thresholds, state.evidence, judged, state.decisions, float(time), detector.channels
+            detector.thresholds, state.memory, judged, state.decisions, float(time), detector.channels
         )
         estimate = FaultEstimate.unpack(judged["estimate"])
         if not estimate.same_faults_as(state.estimate):

@@ -108,12 +108,18 @@ def opened(record: Any, kind: Any) -> Any:
     each kernel that takes a record is compiled anew for every number of wheels.
 
     Args:
-      record: Element of a `Record`, `record[0]`; here or in a kernel.
+      record: Element of a `Record`, `record[0]`; outside of kernels also the `Record`, which takes half the
+        time.
       kind: Class of the NamedTuple, whose numbers are copied and whose masks are arrays of 0 and 1.
     """
-    nested = _nested(kind)
-    fields = ((name, record[name]) for name in kind._fields)
-    return kind._make(opened(field, nested[name]) if name in nested else field for name, field in fields)
+    nested, is_element = _nested(kind), not isinstance(record, np.ndarray)
+    fields = []
+    for name in kind._fields:
+        field = record[name]
+        if name in nested:
+            field = opened(field, nested[name])
+        fields.append(field if is_element or name in nested else field[0])
+    return kind._make(fields)
 
 
 @overload(opened)

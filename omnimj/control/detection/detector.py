@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.control.cascade.controller import Reconfiguration
-from omnimj.control.records import Record, copied
+from omnimj.control.records import Record, copied, opened
 from omnimj.signals import Array, Diagnosis
 
 VARIANTS = ("repaired", "printed")
@@ -47,7 +47,7 @@ class FaultEstimate(NamedTuple):
     @classmethod
     def unpack(cls, record: Record) -> FaultEstimate:
         """Copy of a packed estimate."""
-        fields = cls(*copied(record)[0])
+        fields = opened(copied(record), cls)
         masks = ("dead", "runaway", "held", "slipping")
         return fields._replace(
             decided=float(fields.decided),
@@ -68,14 +68,12 @@ class FaultEstimate(NamedTuple):
 
     def same_faults_as(self, other: FaultEstimate) -> bool:
         """True if the same parts have the same kinds of faults, whatever their sizes."""
-        return bool(
-            self.trusts_gyro == other.trusts_gyro
-            and np.array_equal(self.dead, other.dead)
-            and np.array_equal(self.runaway, other.runaway)
-            and np.array_equal(self.held, other.held)
-            and np.array_equal(self.slipping, other.slipping)
-            and np.array_equal(self.losses != 0.0, other.losses != 0.0)
-        )
+        return self._kinds() == other._kinds()
+
+    def _kinds(self) -> tuple[object, ...]:
+        """Parts that have faults, by kind of fault."""
+        masks = (self.losses != 0.0, self.dead, self.runaway, self.held, self.slipping)
+        return (self.trusts_gyro, *(mask.tolist() for mask in masks))
 
 
 class DetectorState(Protocol):

@@ -32,9 +32,8 @@ import numpy as np
 from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_all
 from omnimj.control.cascade.wheel_speed import SpeedGains, amplifier_parameters, speed_loop
 from omnimj.control.compiled import Reading, respond, take_reading
-from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
 from omnimj.control.detection.robust.judgement import judge_block
-from omnimj.control.records import Record, opened, packed
+from omnimj.control.records import Record, packed
 from omnimj.control.recovery.step import Demand
 from omnimj.parameters import Robot
 from omnimj.physics.motor import MotorParameters
@@ -127,8 +126,7 @@ def control_period(controller, run, plan, output, time):
     )
     if not run.decided:
         run.good, full = take_reading(p, x, now)
-        constants = opened(controller.constants[0], RobustParameters)
-        evidence = opened(controller.evidence[0], Evidence)
+        constants, evidence = controller.constants[0], controller.evidence[0]
         if full and judge_block(constants, x.samples, evidence, x.judged, now.yaw, time):
             run.decided = True
             return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -88,12 +89,13 @@ def known_faults(verdict: Verdict, wheels: int) -> KnownFaults:
     for d in verdict.diagnoses:
         decided = max(decided, d.time)
         if d.cleared is None:
-            _mark(known, d, [w - 1 for w in d.wheels])
+            _mark(known, d)
+    failed = verdict.failed_channels()
     for k, axis in enumerate("xy"):
-        known.excluded_axes[k] = verdict.has_sensor_fault(f"acceleration_{axis}")
+        known.excluded_axes[k] = f"acceleration_{axis}" in failed
     pending = not math.isnan(verdict.suspected)
     return known._replace(
-        failed_gyro=verdict.has_sensor_fault("yaw_rate"),
+        failed_gyro="yaw_rate" in failed,
         decided=decided,
         active=verdict.has_active(),
         pending=pending,
@@ -101,21 +103,37 @@ def known_faults(verdict: Verdict, wheels: int) -> KnownFaults:
     )
 
 
-def _mark(known: KnownFaults, d: Diagnosis, wheels: list[int]) -> None:
-    """Mark the wheels 0…n−1 of an active diagnosis, in place."""
-    stalled, certain = is_stalled(d), not d.ambiguous_with
+def _mark(known: KnownFaults, d: Diagnosis) -> None:
+    """Mark the wheels of an active diagnosis, in place."""
     if d.kind == "all_wheel_slip":
         known.unrolling[:] = known.slipping[:] = True
-    known.unrolling[wheels] |= d.kind in ("slip", "locked", "sensor")
-    known.degraded[wheels] |= d.kind == "motor"
-    known.failed_speed[wheels] |= d.channel.startswith("wheel_speed")
-    known.unknown_force[wheels] |= d.kind == "locked" or d.channel.startswith("wheel_speed") or stalled
-    known.stalled[wheels] |= stalled
-    known.weak[wheels] |= d.kind == "motor" and certain
-    known.powerless[wheels] |= stalled or (d.kind == "free" and certain)
-    known.runaway[wheels] |= d.kind == "hard_over" and certain
-    known.held[wheels] |= d.kind == "locked" and certain
-    known.slipping[wheels] |= d.kind == "slip" and certain
+    stalled, certain, failed_speed = is_stalled(d), not d.ambiguous_with, d.channel.startswith("wheel_speed")
+    marked = (
+        (known.unrolling, d.kind in ("slip", "locked", "sensor")),
+        (known.degraded, d.kind == "motor"),
+        (known.failed_speed, failed_speed),
+        (known.unknown_force, d.kind == "locked" or failed_speed or stalled),
+        (known.stalled, stalled),
+        (known.weak, d.kind == "motor" and certain),
+        (known.powerless, stalled or (d.kind == "free" and certain)),
+        (known.runaway, d.kind == "hard_over" and certain),
+        (known.held, d.kind == "locked" and certain),
+        (known.slipping, d.kind == "slip" and certain),
+    )
+    mark_wheels(d, marked)
+
+
+def mark_wheels(diagnosis: Diagnosis, marked: Iterable[tuple[NDArray[np.bool_], bool]]) -> None:
+    """Mark the wheels of a diagnosis in masks, in place.
+
+    Args:
+      diagnosis: Its wheels are 1…n.
+      marked: Masks, shape (n,), and whether the diagnosis belongs to each.
+    """
+    for mask, belongs in marked:
+        if belongs:  # item by item: a list of indices costs ten times as much
+            for wheel in diagnosis.wheels:
+                mask[wheel - 1] = True
 
 
 @kernel

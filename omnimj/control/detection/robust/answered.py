@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.control.detection.robust.accommodation import DEAD
+from omnimj.control.detection.robust.accommodation import DEAD, mark_wheels
 from omnimj.control.detection.robust.decision import EFFECTIVENESS_STEP, FORGOTTEN_SLIP, may_slip
 from omnimj.control.detection.robust.evidence import CONVERTER
 from omnimj.control.detection.robust.parameter_filter import significant_losses
@@ -63,38 +63,41 @@ def nothing_answered(wheels: int) -> Answered:
 
 def answered_by(verdict: Verdict, wheels: int, channels: Sequence[str]) -> Answered:
     """Answers of a verdict for a robot with the given sensor channels."""
-    found = nothing_answered(wheels)
-    found.channels[:] = [verdict.has_sensor_fault(channel) for channel in channels]
+    found, failed = nothing_answered(wheels), verdict.failed_channels()
+    found.channels[:] = [channel in failed for channel in channels]
     active = [d for d in verdict.diagnoses if d.cleared is None]
     for d in active:
         _mark(found, d)
     everywhere = any(d.kind == "all_wheel_slip" for d in active)
+    holds = bool(found.held.any())
     for i in range(wheels):
         newest = verdict.active_on(i + 1)
         kind = "" if newest is None else newest.kind
-        current, speed = (verdict.has_sensor_fault(f"{name}_{i + 1}") for name in ("current", "wheel_speed"))
-        found.amplifier[i] = kind in ("free", "hard_over") or current or speed
-        found.standing[i] = found.held.any() or kind == "free" or (kind != "" and speed)
+        speed = f"wheel_speed_{i + 1}" in failed
+        found.amplifier[i] = kind in ("free", "hard_over") or speed or f"current_{i + 1}" in failed
+        found.standing[i] = holds or kind == "free" or (kind != "" and speed)
         found.stalled[i], found.diagnosed[i] = found.standing[i] or kind != "", kind != ""
         found.slip[i] = everywhere or not may_slip(verdict, i + 1)
     withdrawn = [d.cleared for d in verdict.diagnoses if d.cleared is not None]
     return found._replace(
-        yaw=verdict.has_sensor_fault("yaw_rate") or verdict.has_sensor_fault("yaw"),
+        yaw="yaw_rate" in failed or "yaw" in failed,
         cleared=min(withdrawn, default=math.inf),
         changing=verdict.renewed != 0 or not math.isnan(verdict.suspected),
     )
 
 
 def _mark(found: Answered, d: Diagnosis) -> None:
-    """Mark the wheels 0…n−1 of an active diagnosis, in place."""
-    wheels = [w - 1 for w in d.wheels]
+    """Mark the wheels of an active diagnosis, in place."""
     if d.kind == "all_wheel_slip":
         found.regains[:] = True
-    found.regains[wheels] |= d.kind == "slip"
-    found.turns[wheels] |= d.kind == "locked" or is_stalled(d)
-    found.held[wheels] |= d.kind in ("locked", "hard_over")
+    marked = (
+        (found.regains, d.kind == "slip"),
+        (found.turns, d.kind == "locked" or is_stalled(d)),
+        (found.held, d.kind in ("locked", "hard_over")),
+    )
+    mark_wheels(d, marked)
     if d.kind == "motor" and not d.ambiguous_with and d.effectiveness is not None:
-        found.effectiveness[wheels] = d.effectiveness
+        found.effectiveness[d.wheels[0] - 1] = d.effectiveness
 
 
 @kernel

@@ -16,7 +16,6 @@ from omnimj.control.detection.robust.blocks import (
 )
 from omnimj.control.detection.robust.evidence import (
     Evidence,
-    RobustParameters,
     initial_evidence,
     robust_parameters,
     roll_velocities,
@@ -71,7 +70,7 @@ class RobustState(NamedTuple):
     @property
     def evidence(self) -> Evidence:
         """Evidence of the force channel and the slip channel, views into the record."""
-        return opened(self.memory[0], Evidence)
+        return opened(self.memory, Evidence)
 
     @property
     def reconfiguration(self) -> None:
@@ -193,8 +192,7 @@ class RobustDetector:
         evidence, judged, decisions = copied(state.memory), copied(state.judged), state.decisions
         time = float(measurement.time)
         if _judge_block(self.packed_constants, samples, evidence, judged, float(measurement.yaw), time):
-            found = opened(evidence[0], Evidence)
-            decisions = decide_block(self.thresholds, found, judged, decisions, time, self.channels)
+            decisions = decide_block(self.thresholds, evidence, judged, decisions, time, self.channels)
         estimate = FaultEstimate.unpack(judged["estimate"])
         return RobustState(samples, evidence, judged, decisions, estimate)
 
@@ -206,8 +204,7 @@ def _take_sample(parameters, samples, sample):
 
 @kernel
 def _judge_block(parameters, samples, evidence, judged, yaw, time):
-    constants = opened(parameters[0], RobustParameters)
-    return judge_block(constants, samples[0], opened(evidence[0], Evidence), judged[0], yaw, time)
+    return judge_block(parameters[0], samples[0], evidence[0], judged[0], yaw, time)
 
 
 @kernel

@@ -27,10 +27,15 @@ from omnimj.control.detection.robust.accommodation import (
 from omnimj.control.detection.robust.answered import Answered, answered_by, is_answered, nothing_answered
 from omnimj.control.detection.robust.blocks import failed_channels, move_to_centre, take_block
 from omnimj.control.detection.robust.decision import decide, is_uneventful
-from omnimj.control.detection.robust.evidence import Evidence, restart_evidence, update_evidence
+from omnimj.control.detection.robust.evidence import (
+    Evidence,
+    RobustParameters,
+    restart_evidence,
+    update_evidence,
+)
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, archive_cleared
-from omnimj.control.records import Record, assign
+from omnimj.control.records import Record, assign, opened
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
@@ -95,13 +100,13 @@ def initial_judgement(wheels: int, thresholds: Thresholds) -> Judgement:
 
 
 @kernel
-def judge_block(parameters, samples, evidence, x, yaw, time):
+def judge_block(constants, samples, memory, x, yaw, time):
     """Judge a full block as far as no decision is needed.
 
     Args:
-      parameters: `RobustParameters`.
+      constants: Record of `RobustParameters`.
       samples: `Samples` with a full block, emptied in place.
-      evidence: `Evidence`, changed in place.
+      memory: Record of `Evidence`, changed in place.
       x: `Judgement`, changed in place.
       yaw: Heading at the block's end [rad].
       time: End of the block [s].
@@ -109,6 +114,8 @@ def judge_block(parameters, samples, evidence, x, yaw, time):
     Returns:
       Whether `decide_block` has to follow.
     """
+    # opened here, so that the compiler knows the shapes: a quarter of the time
+    parameters, evidence = opened(constants, RobustParameters), opened(memory, Evidence)
     n, likelihood, gap = x.losses.size, evidence.scores.likelihood, samples.gap
     block = take_block(samples, parameters.sample_period)
     block = substitute_sensors(parameters, block, evidence, x.known)
@@ -165,8 +172,8 @@ def conclude(evidence, x):
 
 
 @kernel
-def _conclude(evidence, judged):
-    conclude(evidence, judged[0])
+def _conclude(memory, judged):
+    conclude(opened(memory[0], Evidence), judged[0])
 
 
 class Decisions(NamedTuple):
@@ -179,7 +186,7 @@ class Decisions(NamedTuple):
 
 def decide_block(
     thresholds: Thresholds,
-    evidence: Evidence,
+    memory: Record,
     judged: Record,
     before: Decisions,
     time: float,
@@ -189,7 +196,7 @@ def decide_block(
 
     Args:
       thresholds: Values from which a suspicion becomes a decision.
-      evidence: After the block; changed in place.
+      memory: Record of `Evidence` after the block, changed in place.
       judged: Record of `Judgement`, changed in place.
       before: Decisions until now.
       time: End of the block [s].
@@ -197,7 +204,7 @@ def decide_block(
     """
     x: Any = judged[0]
     losses, relearning = x["losses"], int(x["relearning"])
-    n, verdict = len(losses), before.verdict
+    n, verdict, evidence = len(losses), before.verdict, opened(memory, Evidence)
     failed = tuple(c for c, has_failed in zip(channels, x["failed"].tolist(), strict=True) if has_failed)
     if x["restarted"]:
         after = replace(verdict, suspected=math.nan)
@@ -212,5 +219,5 @@ def decide_block(
     archived, history = archive_cleared(after, before.history, time)
     assign(judged["known"], known_faults(archived, n))
     assign(judged["answered"], answered_by(archived, n, channels))
-    _conclude(evidence, judged)
+    _conclude(memory, judged)
     return Decisions(archived, history)

@@ -21,9 +21,8 @@ from omnimj.control.cascade.heading import (
 from omnimj.control.detection.detector import FaultEstimate
 from omnimj.control.detection.robust.blocks import Sample, take_sample
 from omnimj.control.detection.robust.detector import RobustDetector, RobustState
-from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
 from omnimj.control.detection.robust.judgement import decide_block, judge_block
-from omnimj.control.records import Record, copied, opened
+from omnimj.control.records import Record, copied
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
@@ -89,8 +88,7 @@ def _take_row(constants, memory, rows, k, bias):
     samples = memory.samples[0]
     if not take_sample(constants.sampling[0], samples, sample):
         return False
-    parameters, evidence = opened(constants.robust[0], RobustParameters), opened(memory.evidence[0], Evidence)
-    return judge_block(parameters, samples, evidence, memory.judged[0], yaw, rows.time[k])
+    return judge_block(constants.robust[0], samples, memory.evidence[0], memory.judged[0], yaw, rows.time[k])
 
 
 _ALL_DONE, _DECISION_IS_DUE, _BLOCK_IS_DONE = range(3)  # reasons for which the loop returns
@@ -192,9 +190,8 @@ class RecordedObservation:
         while reason := _observe_rows(self._constants, m, self._rows, logs, end, watched):
             if reason == _DECISION_IS_DUE:
                 time = float(self._rows.time[self.done])
-                evidence = opened(m.evidence[0], Evidence)
                 self._decisions = decide_block(
-                    detector.thresholds, evidence, m.judged, self._decisions, time, detector.channels
+                    detector.thresholds, m.evidence, m.judged, self._decisions, time, detector.channels
                 )
             elif self._watch is not None:
                 state = RobustState(m.samples, m.evidence, m.judged, self._decisions, None)

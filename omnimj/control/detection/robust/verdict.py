@@ -39,9 +39,13 @@ class Verdict:
                 return diagnosis
         return None
 
+    def failed_channels(self) -> set[str]:
+        """Sensor channels that are diagnosed."""
+        return {d.channel for d in self.diagnoses if d.channel and d.cleared is None}
+
     def has_sensor_fault(self, channel: str) -> bool:
         """True if a sensor channel is diagnosed."""
-        return any(d.channel == channel and d.cleared is None for d in self.diagnoses)
+        return channel in self.failed_channels()
 
 
 def is_stalled(diagnosis: Diagnosis) -> bool:
