@@ -95,7 +95,7 @@ def _list_runs(arguments: Any) -> int:
 
     (folder,) = arguments.runs
     if not folder.is_dir():
-        raise InputError(folder, "is no folder", "a folder of runs is needed")
+        raise InputError(folder, "is not a folder", "a folder of runs is needed")
     runs = find_run_folders(folder)
     names = [one.path.relative_to(folder).as_posix() for one in runs]
     if arguments.json:

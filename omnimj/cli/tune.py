@@ -93,7 +93,7 @@ def run(arguments: Any) -> int:
     config = _config(arguments)
     require_writable(config.out, arguments.force)
     if not config.out.parent.is_dir():
-        raise InputError(f"--out {config.out}", f"cannot be made, there is no folder {config.out.parent}")
+        raise InputError(f"--out {config.out}", f"cannot be written: there is no folder {config.out.parent}")
     report = config.out.with_name(f"{config.out.stem}_report.html")
     require_writable(report, arguments.force)
     check_config(config)

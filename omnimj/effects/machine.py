@@ -204,7 +204,7 @@ def parse_effect(text: str, plant: str | None = None) -> tuple[str, dict[str, fl
         if not (equals and key and value):
             raise InputError(place, f"{pair!r} is not KEY=VALUE", f"e.g. --effect {_example(effect)}")
         if key in values:
-            raise InputError(place, f"'{key}' is there twice")
+            raise InputError(place, f"'{key}' occurs twice")
         values[key] = _value(effect, key, value, place)
     return name, values if plant is None else complete_values(effect, values, f"--effect {name}")
 

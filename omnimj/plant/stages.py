@@ -1,4 +1,4 @@
-"""What simulated plants share, and stages of a planar run.
+"""Parts common to the simulated plants, and stages of a planar run.
 
 The conditions of a planar run change at few times and are constant in between.
 """

@@ -114,7 +114,7 @@ def test_wrong_uses_are_refused_in_one_line(refused, runs, tmp_path):
     assert "two to 8 runs" in refused("compare", *[one] * 9)
     assert "is given twice" in refused("compare", one, one)
     assert "has no metrics.json" in refused("compare", one, str(tmp_path))
-    assert "is no folder" in refused("compare", str(tmp_path / "nowhere"))
+    assert "is not a folder" in refused("compare", str(tmp_path / "nowhere"))
     assert "holds no run" in refused("compare", str(tmp_path))
     assert "there is no --out" in refused("compare", one, one, "--force")
     page = tmp_path / "page.html"

@@ -117,7 +117,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
     [
         (["nylon_path"], "unknown scenario 'nylon_path'; did you mean 'nylon_patch'"),
         (["rig_slip"], "SCENARIO rig_slip: cannot be used for tuning; a scenario of a robot with forces"),
-        (["nylon_patch", "nylon_patch"], "'nylon_patch' is there twice"),
+        (["nylon_patch", "nylon_patch"], "'nylon_patch' occurs twice"),
         (
             ["nylon_patch", "--seed", "100"],
             "--seed: found '100'; must be a whole number, at least 0 and at most 99",
@@ -128,7 +128,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on it"),
         (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; must be 0, or at least 2"),
         (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the smallest value must be 0 or more"),
-        (["nylon_patch", "three_wheel_circle"], "all scenarios must be of one robot: give --model"),
+        (["nylon_patch", "three_wheel_circle"], "all scenarios must be of one robot: pass --model"),
         (["nylon_patch", "--out", "."], "--out .: is a folder; a file is needed"),
         (["nylon_patch", "--saturation", "0"], "--saturation: found '0'; must be above 0"),
         (["nylon_patch", "--phase-margin", "wide"], "--phase-margin: found 'wide'"),

@@ -203,7 +203,9 @@ def lines_of_other_half(
       InputError: There are less than two runs or more than two floors, or no line explains the currents.
     """
     if len(plan.floors) != 2:
-        raise InputError("--edge-line", f"found {len(plan.floors)} floors", "a line parts two")
+        raise InputError(
+            "--edge-line", f"found {len(plan.floors)} floors", "an edge line separates exactly two floors"
+        )
     scatter = float(np.hypot(calibration.noise.white, calibration.noise.bias))
     seen = [_seen(plan, made, scatter) for made in prepared]
     if min(sum(len(run.contact) for run in seen[k::2]) for k in (0, 1)) == 0:

@@ -116,7 +116,7 @@ def require_robot(dataset: Dataset, robot: Robot) -> Robot:
         raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", rule, ("uto_robot",))
     n = len(robot.wheels)
     if n != dataset.wheels:
-        rule = f"the logs of {dataset.path} have {dataset.wheels}: give --model, e.g. three_wheel"
+        rule = f"the logs of {dataset.path} have {dataset.wheels}: pass --model, e.g. three_wheel"
         raise InputError(robot.file, f"has {n} [[wheels]]", rule)
     return robot
 

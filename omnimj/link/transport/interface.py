@@ -25,7 +25,7 @@ class Packet(bytes):
 
 
 class Wire(Protocol):
-    """What both ends of a wire have in common."""
+    """Properties common to both ends of a link."""
 
     @property
     def failures(self) -> int:

@@ -153,7 +153,7 @@ def read_machine_file(path: Path | None) -> Machine:
       UnknownNameError: An unknown part, quantity or effect; the message lists the choices.
     """
     if path is None:
-        rule = 'give --model FILE.xml, or model = "FILE.xml" in dataset.toml'
+        rule = 'pass --model FILE.xml, or model = "FILE.xml" in dataset.toml'
         raise InputError("--model", "is missing", f"a dataset of any machine needs its MJCF file: {rule}")
     mj_model = _compile(path)
     refuse_structure(mj_model, path)

@@ -41,7 +41,7 @@ _SETTLING_TIME = 0.3  # [s] for which the gantry moves sideways before a rig run
 
 
 class _Twin(KernelPlant):
-    """What the twins of robot and rig share."""
+    """Base of the twins of robot and rig."""
 
     mj_model: mujoco.MjModel
     mj_data: mujoco.MjData

@@ -121,7 +121,7 @@ class _Run:
                 return reason == CHUNK_IS_DONE
 
     def _inputs(self) -> tuple[Any, ...]:
-        """What drives the plant: further arguments of the loop."""
+        """Controller or drive of the plant: further arguments of the loop."""
         raise NotImplementedError
 
     def _decide(self) -> None:

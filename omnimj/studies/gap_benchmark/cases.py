@@ -82,7 +82,7 @@ class Case:
     plant: str = RIG
     """Machine of the datasets."""
     maker: str = ""
-    """What makes the dataset, where the case decides it."""
+    """Maker of the dataset, where the case decides it."""
 
     @property
     def unmodelled(self) -> tuple[UnmodelledEffect, ...]:

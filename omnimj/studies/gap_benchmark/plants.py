@@ -13,7 +13,7 @@ from omnimj.studies.gap_benchmark.cases import Case, HiddenEffect
 
 
 class BenchmarkPlant(NamedTuple):
-    """What the benchmark needs to know of a machine."""
+    """Properties of a machine that the benchmark needs."""
 
     library: str
     """Plant whose effects are hidden."""

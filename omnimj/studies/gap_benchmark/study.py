@@ -52,7 +52,7 @@ class BenchmarkConfig:
     cases: int | None = None
     """Number of cases to run, the first in a random order; all when None."""
     made_by: str = "twin"
-    """What makes the datasets, one of the machine's `makers`."""
+    """Maker of the datasets, one of the machine's `makers`."""
     workers: int = 1
     plant: str = RIG
     """Machine of the datasets: `quarter_rig`, a shipped MJCF machine, or the path of an MJCF file."""

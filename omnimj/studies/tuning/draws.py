@@ -123,10 +123,10 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
             raise InputError(f"SCENARIO {text}", "cannot be used for tuning", rule)
         own = read_robot(model).file
         if scenario.constants.file.resolve() != own.resolve():
-            rule = "all scenarios must be of one robot: give --model"
+            rule = "all scenarios must be of one robot: pass --model"
             raise InputError(f"SCENARIO {text}", f"is of the robot in {scenario.constants.file}", rule)
         if scenario.name in {known.name for known in found.values()}:
-            raise InputError(f"SCENARIO {text}", f"'{scenario.name}' is there twice")
+            raise InputError(f"SCENARIO {text}", f"'{scenario.name}' occurs twice")
         found[text] = scenario
     return MappingProxyType(found)
 

@@ -290,7 +290,7 @@ def test_scenarios_that_cannot_be_tuned_with_are_refused(tmp_path):
             read_tuned_scenarios((text,), None)
     folder = tmp_path / "again"
     folder.mkdir()
-    with pytest.raises(InputError, match="'push' is there twice"):
+    with pytest.raises(InputError, match="'push' occurs twice"):
         read_tuned_scenarios((scenario_file(tmp_path), scenario_file(folder)), None)
     with pytest.raises(UnknownNameError, match="nylon_patch"):
         read_tuned_scenarios(("nylon_path",), None)
