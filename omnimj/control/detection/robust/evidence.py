@@ -364,11 +364,14 @@ def _update_slip_channel(parameters, block, accommodation, evidence, swing, movi
     for q in range(n + 1):
         predict_velocity(parameters, block, accommodation.excluded_axes, velocity[q], velocity_cov[q])
     creep = expected_creep(parameters.robot, block, velocity[n, :2], load, evidence.force, monitors)
-    unknown = np.zeros(n, np.bool_)
+    held, unknown = np.zeros(n), np.zeros(n, np.bool_)
     for i in range(n):
+        slow = evidence.recent[:, i].min() < SLOW
+        held[i] = robot.dry[i] if slow else 0.0
         learns = accommodation.relearning and accommodation.degraded[i]
-        unknown[i] = robot.floor.stated and (learns or evidence.recent[:, i].min() < SLOW)
-    traction = Traction(load, evidence.force, swing, evidence.oscillation[2, n:], creep, moving, unknown)
+        unknown[i] = robot.floor.stated and (learns or slow)
+    oscillation = evidence.oscillation[2, n:]
+    traction = Traction(load, evidence.force, swing, oscillation, creep, held, moving, unknown)
     for i in range(n):
         update_wheel_monitors(
             parameters, block, included, traction, velocity[i], velocity_cov[i], monitors, i

@@ -125,6 +125,8 @@ class Traction(NamedTuple):
     [m²/s²]."""
     creep: Array
     """Expected creep and its uncertainty, shape (n, 2) [m/s]."""
+    held: Array
+    """Dry friction that may have held each wheel lately; 0 for wheels that turned. Shape (n,) [N]."""
     moving: bool
     """True if any wheel turns: the velocity of a robot at rest is only its filters' error."""
     unknown: NDArray[np.bool_]
@@ -250,6 +252,8 @@ class ContactSlip(NamedTuple):
     """Standard deviation of s [m/s]."""
     rolling: float
     """Rolling speed on a stated floor [m/s]."""
+    held: float
+    """Dry friction that may have held the wheel lately [N]."""
 
 
 @kernel
@@ -285,7 +289,7 @@ def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
       yaw_rate: [rad/s].
       judged: Whether any wheel turns and the traction of this one is known.
     """
-    load, force, slip, deviation, rolling = contact
+    load, force, slip, deviation, rolling, held = contact
     bristles, traction = monitors.healthy_bristles[i], floor.traction
     if floor.stated:
         least, most = floor_creep_bounds(traction, force / load, rolling, bristles, period)
@@ -315,7 +319,9 @@ def update_slip_monitor(floor, period, contact, yaw_rate, judged, monitors, i):
         grip = min(max(grip, _LEAST_GRIP), 1.0)
         known = monitors.grip[i]
         monitors.grip[i] = grip if known == 1.0 else (1.0 - _NEWEST) * known + _NEWEST * grip
-    share = math.copysign(max(abs(force) - _FORCE, 0.0), force) / (load * monitors.grip[i])
+    # the torque of a motor that cannot turn its wheel is no traction
+    certain = max(abs(force) - _FORCE - held, 0.0)
+    share = math.copysign(certain, force) / (load * monitors.grip[i])
     before = monitors.lost_bristle[i]
     if floor.stated:
         lost, monitors.lost_bristle[i] = creep_under(traction, share, rolling, SLOW_BRISTLE, before, period)
@@ -390,7 +396,9 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
         load = effective_load(robot.floor, i, load / robot.load)
         deviation = math.hypot(deviation, _creep_doubt(robot, included, traction.creep, i))
     ratio, slip = roller_ratio(robot, i), wheel_slip(robot, block, x, i)
-    contact = ContactSlip(load / ratio, force, slip / ratio, deviation / ratio, monitors.rolling[i])
+    contact = ContactSlip(
+        load / ratio, force, slip / ratio, deviation / ratio, monitors.rolling[i], traction.held[i]
+    )
     judged = traction.moving and not traction.unknown[i]
     update_slip_monitor(robot.floor, block.duration, contact, yaw_rate, judged, monitors, i)
 

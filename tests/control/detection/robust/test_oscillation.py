@@ -90,7 +90,14 @@ def _slipped(oscillation, slip):
     constants, evidence = robot_constants(ROBOT), initial_evidence(N)
     force, creep = np.full(N, 1.0), np.zeros((N, 2))
     traction = Traction(
-        constants.load, force, np.zeros(N), np.full(N, oscillation), creep, True, np.zeros(N, bool)
+        constants.load,
+        force,
+        np.zeros(N),
+        np.full(N, oscillation),
+        creep,
+        np.zeros(N),
+        True,
+        np.zeros(N, bool),
     )
     speed = np.full(N, slip / constants.radius[0])
     block = _block(speed)

@@ -125,11 +125,11 @@ def test_bounds_of_healthy_creep_are_odd_in_force():
             assert least <= most
 
 
-def counted(force, slip, blocks, before: WheelMonitors | None = None) -> WheelMonitors:
+def counted(force, slip, blocks, before: WheelMonitors | None = None, held=0.0) -> WheelMonitors:
     """Monitors of one wheel after some equal blocks."""
     monitors = WheelMonitors(*(a.copy() for a in (initial_monitors(1) if before is None else before)))
     for _ in range(blocks):
-        contact = ContactSlip(LOAD, force, slip, 0.0, 0.0)
+        contact = ContactSlip(LOAD, force, slip, 0.0, 0.0, held)
         update_slip_monitor(PARAMETERS.robot.floor, PERIOD, contact, 0.0, True, monitors, 0)
     return monitors
 
@@ -154,6 +154,9 @@ def test_a_slip_ends_by_pulling_without_slipping_and_by_nothing_else():
     assert counted(0.5, 0.0, 50, slipping).regained[0] == 0.0  # hardly a load: says nothing
     assert counted(6.0, 0.25, 50, slipping).regained[0] == 0.0  # still slips
     assert counted(10.0, 0.02, 50, slipping).regained[0] > Thresholds().healthy
+    # a motor whose wheel stands, held by its own friction, shows no grip
+    assert counted(10.0, 0.02, 50, slipping, held=10.0).regained[0] == 0.0
+    assert counted(10.0, 0.02, 50, slipping, held=2.0).regained[0] > Thresholds().healthy
 
 
 def test_slip_within_the_creep_of_a_healthy_wheel_is_discarded():
