@@ -1,10 +1,12 @@
-"""Active diagnosis: wheels are driven against each other so that a loss of torque shows.
+"""Active diagnosis: wheels are excited so that a loss of torque, or returned grip, shows.
 
 Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel,
 and a weak motor leaves a net force. A square wave of `DITHER_SPEED` along n is added, in bursts, while a
 robot that drives slowly and steadily excites its motors too little; once, larger, before the first drive,
 where the self-test is enabled. The steps of the wave provide the excitation: of 16 motors that lacked 15 %, a
 sine of the same amplitude revealed none, the square wave seven.
+
+A slipping wheel that rolls along unloaded shows nothing of its grip; a square wave on it alone does.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ PAUSE = 20.0
 """Time between two bursts [s]."""
 QUIET = 2.0
 """Time without load on the motors after which a burst begins [s]."""
+PROBE_SPEED, PROBE_FREQUENCY = 0.04, 2.5
+"""Square wave on a slipping wheel of a robot that drives steadily [m/s], [Hz]."""
 _LOADED = 4.0  # [N] of traction beyond which the motors are excited enough
 _DRIVES, _FAST = 0.1, 0.5  # [m/s] between which a robot drives slowly
 _STEADY = 0.3  # [m/s²] of demanded acceleration: more loads the motors by itself and needs the grip
@@ -70,6 +74,23 @@ def next_self_test(left, h):
         return 0.0, left
     left -= h
     return (1.0 if left > 0.5 * SELF_TEST else -1.0), left
+
+
+@kernel
+def probe_speed(time, speed, acceleration):
+    """Speed that is added to a slipping wheel so that its traction shows whether it grips again [m/s].
+
+    The wheel alone is excited: without grip that moves nothing, with grip the other wheels hold the robot. At
+    rest, and while the drive itself loads the wheel, nothing is added.
+
+    Args:
+      time: [s].
+      speed: Demand [m/s].
+      acceleration: Demand [m/s²].
+    """
+    if speed < _DRIVES or acceleration > _STEADY:
+        return 0.0
+    return PROBE_SPEED if (time * PROBE_FREQUENCY) % 1.0 < 0.5 else -PROBE_SPEED
 
 
 @kernel

@@ -22,6 +22,7 @@ from omnimj.control.recovery.dither import (
     SELF_TEST_SPEED,
     Dither,
     next_self_test,
+    probe_speed,
     update_dither,
 )
 from omnimj.control.recovery.force_allocation import allocate_forces, required_wrench, steady_creep
@@ -197,9 +198,15 @@ def _judge_recovery(x, decided, time):
 
 
 @kernel
+def _demanded_acceleration(p, tracking):
+    """Largest demanded acceleration of a wheel [m/s²]."""
+    acceleration = math.hypot(tracking.acceleration_x, tracking.acceleration_y)
+    return acceleration + abs(tracking.yaw_acceleration) * p.arm
+
+
+@kernel
 def _dither_sign(p, x, healthy, speed):
-    acceleration = math.hypot(x.tracking.acceleration_x, x.tracking.acceleration_y)
-    acceleration += abs(x.tracking.yaw_acceleration) * p.arm
+    acceleration = _demanded_acceleration(p, x.tracking)
     return update_dither(x.dither, p.period, healthy and p.dithers, speed, acceleration, x.traction)
 
 
@@ -290,6 +297,11 @@ def _reconfigure(p, x, mode, estimate, now):
             speed = row[0] * v_x + row[1] * v_y + row[2] * x.demand.yaw_rate
             most = max(most, lowest[i] - speed, speed - highest[i])
         changed.lowest[:], changed.highest[:] = lowest, highest
+        if p.dithers:
+            acceleration = _demanded_acceleration(p, x.tracking)
+            probe = probe_speed(now.time, math.hypot(v_x, v_y), acceleration)
+            for i in range(lowest.size):
+                changed.offset[i] = probe / p.robot.radius[i] if estimate.slipping[i] else 0.0
         x.correction = radius * most
         return
     moves = x.demand.velocity_x != 0.0 or x.demand.velocity_y != 0.0 or x.demand.yaw_rate != 0.0

@@ -22,11 +22,14 @@ from omnimj.control.recovery.dither import (
     DITHER_FREQUENCY,
     PAUSE,
     PERIODS,
+    PROBE_FREQUENCY,
+    PROBE_SPEED,
     QUIET,
     SELF_TEST,
     Dither,
     next_self_test,
     null_space_speeds,
+    probe_speed,
     update_dither,
 )
 from omnimj.control.recovery.force_allocation import steady_creep
@@ -110,6 +113,12 @@ def test_the_square_wave_comes_in_bursts_of_whole_periods_while_a_robot_drives_s
 )
 def test_a_robot_that_is_faulty_stands_or_speeds_up_is_not_dithered(may, speed, acceleration):
     assert not dithered(8000, may, speed, acceleration).any()
+
+
+def test_a_slipping_wheel_is_probed_to_and_fro_while_the_robot_drives_steadily():
+    cycle = [probe_speed(k * H, 0.3, 0.0) for k in range(round(1.0 / PROBE_FREQUENCY / H))]
+    assert set(cycle) == {PROBE_SPEED, -PROBE_SPEED} and sum(cycle) == pytest.approx(0.0, abs=1e-9)
+    assert probe_speed(0.0, 0.0, 0.0) == probe_speed(0.0, 0.3, 1.0) == 0.0
 
 
 def test_a_self_test_goes_as_far_as_it_comes_back_and_ends():

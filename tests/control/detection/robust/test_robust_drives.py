@@ -118,9 +118,16 @@ def test_a_weak_motor_whose_wheel_slips_as_well_is_both():
 @pytest.mark.parametrize("seed", representative(61, 62, 63))
 def test_a_slip_is_named_once_while_it_lasts_and_taken_back_when_it_is_over(seed):
     oily = [Fault("slip", ONSET, 9.0, 1 + seed % 4, {"grip": 0.2})]
-    trace = driven(seed, faults=oily, seconds=15.0)
+    trace = driven(seed, faults=oily, seconds=20.0)
     (found,) = trace.about["diagnoses"]
     assert found["kind"] == "slip" and found["cleared"] > 9.0
+
+
+@pytest.mark.parametrize("seed", representative(61, 62, 63, 64, 65, 66))
+def test_a_wheel_without_grip_stays_one_diagnosis_through_stops_and_reversals(seed):
+    oily = [Fault("slip", ONSET, None, 1 + seed % 4, {"grip": 0.05})]
+    (found,) = driven(seed, faults=oily, seconds=25.0).about["diagnoses"]
+    assert found["kind"] == "slip" and found["wheels"] == (1 + seed % 4,) and found["cleared"] is None
 
 
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
