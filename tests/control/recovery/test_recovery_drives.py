@@ -264,6 +264,21 @@ def test_a_self_test_finds_a_dead_motor_before_the_robot_is_driven_and_the_plan_
     assert trace["pace"][-1] == 1.0
 
 
+@pytest.mark.parametrize("wheel", [1, 3])
+def test_grip_that_returns_to_an_unloaded_wheel_is_noticed_since_the_wheel_is_probed(wheel):
+    plan = read_drive(CIRCLE | {"diameter": 8.0, "speed": 0.4}, "circle", 10.0, 1e-3)
+    oil = Fault("slip", 0.0, 5.0, wheel, {"grip": 0.1})
+    ends = []
+    for probes in (True, False):
+        helps = Recovery(ROBOT, holds_heading=True, dithers=probes)
+        controller = CompiledController(Controller(ROBOT, heading_hold=True), RobustDetector(ROBOT), helps)
+        plant = PlanarRobot(ROBOT, "natural_stone", faults=[oil], seed=1, start=plan.start)
+        (found,) = drive(plant, controller, plan.reference).about["diagnoses"]
+        assert (found["kind"], found["wheels"]) == ("slip", (wheel,))
+        ends.append(found["cleared"])
+    assert 5.0 < ends[0] < 5.5 and ends[1] is None
+
+
 def test_tracking_errors_of_the_fault_are_not_attributed_to_the_recovery():
     """A wheel slips while the robot speeds up: it falls behind for want of grip, help or no help."""
     plan = read_drive(
