@@ -30,6 +30,7 @@ QUIET = 2.0
 """Time without load on the motors after which a burst begins [s]."""
 PROBE_SPEED, PROBE_FREQUENCY = 0.04, 2.5
 """Square wave on a slipping wheel of a robot that drives steadily [m/s], [Hz]."""
+_UNLOADED = 1.0  # [N] of traction up to which a wheel shows nothing of its grip
 _LOADED = 4.0  # [N] of traction beyond which the motors are excited enough
 _DRIVES, _FAST = 0.1, 0.5  # [m/s] between which a robot drives slowly
 _STEADY = 0.3  # [m/s²] of demanded acceleration: more loads the motors by itself and needs the grip
@@ -77,20 +78,22 @@ def next_self_test(left, h):
 
 
 @kernel
-def probe_speed(time, speed, acceleration):
+def probe_speed(time, speed, acceleration, traction):
     """Speed that is added to a slipping wheel so that its traction shows whether it grips again [m/s].
 
     The wheel alone is excited: without grip that moves nothing, with grip the other wheels hold the robot. At
-    rest, and while the drive itself loads the wheel, nothing is added.
+    rest, while the drive itself loads the wheels, and against a load on the wheel nothing is added.
 
     Args:
       time: [s].
       speed: Demand [m/s].
       acceleration: Demand [m/s²].
+      traction: Of the wheel [N].
     """
     if speed < _DRIVES or acceleration > _STEADY:
         return 0.0
-    return PROBE_SPEED if (time * PROBE_FREQUENCY) % 1.0 < 0.5 else -PROBE_SPEED
+    wave = PROBE_SPEED if (time * PROBE_FREQUENCY) % 1.0 < 0.5 else -PROBE_SPEED
+    return 0.0 if wave * traction < -PROBE_SPEED * _UNLOADED else wave
 
 
 @kernel

@@ -299,9 +299,10 @@ def _reconfigure(p, x, mode, estimate, now):
         changed.lowest[:], changed.highest[:] = lowest, highest
         if p.dithers:
             acceleration = _demanded_acceleration(p, x.tracking)
-            probe = probe_speed(now.time, math.hypot(v_x, v_y), acceleration)
             for i in range(lowest.size):
-                changed.offset[i] = probe / p.robot.radius[i] if estimate.slipping[i] else 0.0
+                if estimate.slipping[i]:
+                    probe = probe_speed(now.time, math.hypot(v_x, v_y), acceleration, x.traction[i])
+                    changed.offset[i] = probe / p.robot.radius[i]
         x.correction = radius * most
         return
     moves = x.demand.velocity_x != 0.0 or x.demand.velocity_y != 0.0 or x.demand.yaw_rate != 0.0

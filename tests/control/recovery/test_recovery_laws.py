@@ -116,9 +116,10 @@ def test_a_robot_that_is_faulty_stands_or_speeds_up_is_not_dithered(may, speed, 
 
 
 def test_a_slipping_wheel_is_probed_to_and_fro_while_the_robot_drives_steadily():
-    cycle = [probe_speed(k * H, 0.3, 0.0) for k in range(round(1.0 / PROBE_FREQUENCY / H))]
+    cycle = [probe_speed(k * H, 0.3, 0.0, 0.5) for k in range(round(1.0 / PROBE_FREQUENCY / H))]
     assert set(cycle) == {PROBE_SPEED, -PROBE_SPEED} and sum(cycle) == pytest.approx(0.0, abs=1e-9)
-    assert probe_speed(0.0, 0.0, 0.0) == probe_speed(0.0, 0.3, 1.0) == 0.0
+    assert probe_speed(0.0, 0.0, 0.0, 0.0) == probe_speed(0.0, 0.3, 1.0, 0.0) == 0.0
+    assert probe_speed(0.0, 0.3, 0.0, -3.0) == 0.0 and probe_speed(0.0, 0.3, 0.0, 3.0) == PROBE_SPEED
 
 
 def test_a_self_test_goes_as_far_as_it_comes_back_and_ends():
