@@ -27,6 +27,7 @@ _ROUNDS = 4  # of optimization: what one round inlines, the next one simplifies 
 _SMALL = 300_000  # [bytes] of bitcode up to which rounds cost little, as of what MuJoCo calls in every step
 _STATE = threading.local()
 _PARTS = [  # of numba's own that the deferred library overrides or calls
+    "_optimize_functions",
     "_optimize_final_module",
     "_finalize_final_module",
     "_finalize_dynamic_globals",
@@ -59,10 +60,24 @@ class DeferredLibrary(JITCodeLibrary):
         """Address of a function of this library, 0 if there is none of this name."""
         self._ensure_finalized()
         if self._deferred:
-            if not any(function.name == name for function in self.get_defined_functions()):
+            if not self._defines(name):
                 return 0
             self._translate(name)
         return super().get_pointer_to_function(name)
+
+    def _defines(self, name: str) -> bool:
+        try:
+            return not self._final_module.get_function(name).is_declaration
+        except NameError:
+            return False
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Simplify the functions of a module; numba prepares passes for those declared only, too."""
+        ll_module.data_layout = self._codegen._data_layout
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                passes, builder = self._codegen._function_pass_manager()
+                passes.run(function, builder)
 
     def _translate(self, entry: str) -> None:
         self._deferred = False

@@ -35,6 +35,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import RequireLiteralValue
 from numba.core.sigutils import normalize_signature
 
+from omnimj.physics.compilation import quick_compilation
 from omnimj.physics.machine_code import deferred_translation
 from omnimj.resources import cache_root
 
@@ -268,7 +269,7 @@ def _optimize_lightly(compiled: Any) -> None:
         before = numba.config.OPT
         numba.config.OPT = type(before)(min(before, _OPTIMIZATION))
         try:
-            with _collecting_rarely(), deferred_translation():
+            with _collecting_rarely(), quick_compilation(), deferred_translation():
                 return compile_types(*arguments)
         finally:
             numba.config.OPT = before
