@@ -9,11 +9,13 @@ many records: one per trial of a batch.
 from __future__ import annotations
 
 import functools
+import hashlib
 from typing import Any, get_type_hints
 
 import numpy as np
 from numba.core import cgutils, types
-from numba.extending import intrinsic, overload
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, overload, register_model
 from numba.np.arrayobj import make_array, populate_array
 from numpy.typing import NDArray
 
@@ -104,13 +106,13 @@ def _nested(kind: Any) -> dict[str, Any]:
 def opened(record: Any, kind: Any) -> Any:
     """Fields of a record as the NamedTuple that it was packed from; arrays are views.
 
-    Kernels that take the NamedTuple serve records of any size then: shapes are part of a record's type, and
-    each kernel that takes a record is compiled anew for every number of wheels.
+    Inside kernels the result is a `RecordView`, whose fields have the same names.
 
     Args:
       record: Element of a `Record`, `record[0]`; outside of kernels also the `Record`, which takes half the
         time.
-      kind: Class of the NamedTuple, whose numbers are copied and whose masks are arrays of 0 and 1.
+      kind: Class of the NamedTuple, whose masks are arrays of 0 and 1; outside of kernels its numbers are
+        copied.
     """
     nested, is_element = _nested(kind), not isinstance(record, np.ndarray)
     fields = []
@@ -122,10 +124,38 @@ def opened(record: Any, kind: Any) -> Any:
     return kind._make(fields)
 
 
+class RecordView(types.Type):
+    """Numba's type of an opened record: an address, whose layout belongs to the type.
+
+    A NamedTuple of arrays goes from kernel to kernel as hundreds of numbers, a view as one, and the compiler
+    knows the shapes. In return kernels are compiled for each number of wheels.
+    """
+
+    def __init__(self, record: types.Record, kind: Any) -> None:
+        self.record, self.kind = record, kind
+        layout = hashlib.sha256(str(record).encode()).hexdigest()[:12]
+        super().__init__(f"RecordView({kind.__module__}.{kind.__qualname__}.{layout})")
+
+    def field_type(self, name: str) -> Any:
+        """Type of a field: view, array or number."""
+        field, nested = self.record.typeof(name), _nested(self.kind)
+        if name in nested:
+            return _view_type(field, nested[name])
+        return types.Array(field.dtype, field.ndim, "C") if isinstance(field, types.NestedArray) else field
+
+
+_view_type = functools.cache(RecordView)
+
+
+@register_model(RecordView)
+class _RecordViewModel(models.OpaqueModel):
+    """An address."""
+
+
 @overload(opened)
 def _opened_in_kernels(record, kind):
     if isinstance(record, types.Record) and isinstance(kind, types.NamedTupleClass):
-        return lambda record, kind: _views(record, kind)
+        return lambda record, kind: _view(record, kind)
     return None
 
 
@@ -133,52 +163,51 @@ _intrinsic: Any = intrinsic  # hides signatures from type checkers
 
 
 @_intrinsic
-def _views(typingctx, record, kind):
-    tuple_type = _tuple_type(record, kind.instance_class)
+def _view(typingctx, record, kind):
+    view = _view_type(record, kind.instance_class)
 
     def codegen(context, builder, signature, arguments):
-        return _tuple_of_views(context, builder, record, tuple_type, arguments[0])
+        return builder.bitcast(arguments[0], context.get_value_type(view))
 
-    return tuple_type(record, kind), codegen
-
-
-def _tuple_type(record: Any, kind: Any) -> Any:
-    nested, fields = _nested(kind), []
-    for name in kind._fields:
-        field = record.typeof(name)
-        if name in nested:
-            field = _tuple_type(field, nested[name])
-        elif isinstance(field, types.NestedArray):
-            field = types.Array(field.dtype, field.ndim, "C")
-        fields.append(field)
-    return types.BaseTuple.from_types(fields, kind)
+    return view(record, kind), codegen
 
 
-def _tuple_of_views(context, builder, record, tuple_type, value):
-    """Code that fills a tuple from a record: pointers into it, shapes and strides from its type."""
-    found = []
-    for name, wanted in zip(tuple_type.fields, tuple_type.types, strict=True):
-        field = record.typeof(name)
-        if isinstance(wanted, types.BaseTuple):
-            inner = context.get_getattr(record, name)(context, builder, record, value, name)
-            found.append(_tuple_of_views(context, builder, field, wanted, inner))
-        elif isinstance(wanted, types.Array):
-            number = context.get_data_type(wanted.dtype)
-            view = make_array(wanted)(context, builder)
-            lengths, strides = (
-                cgutils.pack_array(builder, [context.get_constant(types.intp, k) for k in numbers])
-                for numbers in (field.shape, field.strides)
-            )
-            populate_array(
-                view,
-                data=cgutils.get_record_member(builder, value, record.offset(name), number),
-                shape=lengths,
-                strides=strides,
-                itemsize=context.get_constant(types.intp, context.get_abi_sizeof(number)),
-                meminfo=None,
-                parent=None,
-            )
-            found.append(view._getvalue())
-        else:
-            found.append(context.get_getattr(record, name)(context, builder, record, value, name))
-    return context.make_tuple(builder, tuple_type, found)
+@infer_getattr
+class _RecordViewAttributes(AttributeTemplate):
+    key = RecordView
+
+    def generic_resolve(self, view, name):
+        """Type of a field, None if there is none of this name."""
+        return view.field_type(name) if name in view.kind._fields else None
+
+
+@lower_getattr_generic(RecordView)
+def _read_field(context, builder, view, value, name):
+    field, wanted = view.record.typeof(name), view.field_type(name)
+    place = cgutils.pointer_add(builder, value, context.get_constant(types.intp, view.record.offset(name)))
+    if isinstance(wanted, RecordView):
+        return place
+    if isinstance(wanted, types.Array):
+        return _array_at(context, builder, field, wanted, place)
+    number = builder.bitcast(place, context.get_data_type(wanted).as_pointer())
+    return context.unpack_value(builder, wanted, number)
+
+
+def _array_at(context, builder, field, wanted, place):
+    """Code for a view of the array at an address, with the shape and strides of the field."""
+    number = context.get_data_type(wanted.dtype)
+    view = make_array(wanted)(context, builder)
+    lengths, strides = (
+        cgutils.pack_array(builder, [context.get_constant(types.intp, k) for k in numbers])
+        for numbers in (field.shape, field.strides)
+    )
+    populate_array(
+        view,
+        data=builder.bitcast(place, number.as_pointer()),
+        shape=lengths,
+        strides=strides,
+        itemsize=context.get_constant(types.intp, context.get_abi_sizeof(number)),
+        meminfo=None,
+        parent=None,
+    )
+    return view._getvalue()

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from omnimj.control.robot_constants import CREEP_SLOPE
-from omnimj.physics.native import inlined, kernel
+from omnimj.physics.native import kernel
 
 REGULARISATION = 1e-3
 """γ: four wheels share a load that three could carry [1]."""
@@ -50,7 +50,7 @@ def required_wrench(robot, twist, acceleration, available, traction):
     return w
 
 
-@inlined
+@kernel
 def allocate_forces(forces, arm, wrench, most, available):
     """Bounded least-squares shares f* of a wrench, shape (n,) [N]; 0 for unavailable wheels.
 

@@ -38,7 +38,7 @@ from omnimj.control.recovery.modes import (
 from omnimj.control.recovery.tracking import Tracking, update_tracking
 from omnimj.control.robot_constants import RobotConstants
 from omnimj.parameters.parts import GRAVITY
-from omnimj.physics.native import inlined, kernel
+from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 LEAST_EFFECTIVENESS = 0.3
@@ -277,7 +277,7 @@ def _change_demand(p, x, mode, now):
     _set_demand(x.demand, v_x, v_y, demand.yaw_rate, held)
 
 
-@inlined
+@kernel
 def _reconfigure(p, x, mode, estimate, now):
     """Scaled currents, creep of the shares f* and bounds of slipping wheels; note the change of speed."""
     changed, radius = x.reconfiguration, p.robot.radius.max()

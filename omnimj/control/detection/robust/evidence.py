@@ -73,7 +73,7 @@ from omnimj.control.detection.robust.wheel_monitors import (
 from omnimj.control.gains import ObserverGains
 from omnimj.control.robot_constants import RobotConstants, robot_constants
 from omnimj.parameters import Floor, Robot
-from omnimj.physics.native import inlined, kernel
+from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 RECENT = 10
@@ -216,7 +216,7 @@ def compare_yaw_rates(x, parameters, block, yaw):
     x[HEADING] = yaw
 
 
-@inlined
+@kernel
 def _push_block(robot, evidence, walk, noise, row, learning):
     """Push a whitened block into the history; θ and the usual level learn from the one that drops out."""
     history, cursor = evidence.history, evidence.history.cursor
@@ -315,15 +315,14 @@ def _take_out_ripple(robot, block, learns, x, rho, evidence):
     learn_ripple(robot.forces, block, basis, left, evidence.ripple)
 
 
-@inlined
+@kernel
 def _update_force_channel(parameters, block, accommodation, evidence, swing):
     """Force channel of `update_evidence`; whether the robot moves enough to be judged.
 
     `swing`, shape (n,) [N], is filled with the change of F̂ since the block before.
     """
-    robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
-    if accommodation.degraded.any():
-        model = with_degraded_motors(model, accommodation.degraded, block.duration)
+    robot, theta, cov = parameters.robot, evidence.theta, evidence.cov
+    model = with_degraded_motors(parameters.model, accommodation.degraded, block.duration)
     n = block.wheel_speed.size
     p, row, sideways = theta.size, np.empty(3 * (theta.size + 2)), np.empty(n)
     x, rho = np.zeros((3, p + 1)), row[3 * p : 3 * (p + 1)]
@@ -354,7 +353,7 @@ def _update_force_channel(parameters, block, accommodation, evidence, swing):
     return moving
 
 
-@inlined
+@kernel
 def _update_slip_channel(parameters, block, accommodation, evidence, swing, moving):
     """Slip channel of `update_evidence`."""
     robot, included, monitors = parameters.robot, accommodation.included, evidence.monitors
@@ -426,7 +425,7 @@ def restart_evidence(robot, block, gap, included, evidence):
         evidence.oscillation[1:] = 0.0
 
 
-@inlined
+@kernel
 def update_evidence(parameters, block, accommodation, evidence, yaw):
     """Update both channels and the comparison of yaw rates by one block, in place.
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.physics.native import inlined, kernel
+from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 WINDOWS = (5, 10, 20, 50, 100)
@@ -201,7 +201,7 @@ def _add_block(history, window, block, sign):
                 row[q] += x * block[q] + y * block[p + q] + z * block[2 * p + q]
 
 
-@inlined
+@kernel
 def likelihood_ratios(history, theta, precision, model, scores):
     """Fill the scores with the best window of each jump.
 

@@ -65,7 +65,7 @@ def parameter_model(wheels: int, period: float, memory: float) -> ParameterModel
 
 @kernel
 def with_degraded_motors(model, degraded, period):
-    """Model with degraded motors: their laws are known less well and change faster, and a loss may come back.
+    """Model in which the laws of degraded motors are known less well and change faster; losses may come back.
 
     Args:
       model: `ParameterModel` of the healthy robot.
