@@ -1,4 +1,4 @@
-"""Numba's compilation without work that no kernel of this package has a use for: a quarter less of it.
+"""Numba's compilation without work that no kernel of this package has a use for: a fifth less of it.
 
 Numba reports every call of LLVM to listeners, tries all signatures of an operator wherever it occurs, colours
 the errors of those that do not fit, and finds the variables of an instruction by general means. Within
