@@ -114,7 +114,6 @@ def judge_block(constants, samples, memory, x, yaw, time):
     Returns:
       Whether `decide_block` has to follow.
     """
-    # opened here, so that the compiler knows the shapes: a quarter of the time
     parameters, evidence = opened(constants, RobustParameters), opened(memory, Evidence)
     n, likelihood, gap = x.losses.size, evidence.scores.likelihood, samples.gap
     block = take_block(samples, parameters.sample_period)
