@@ -44,7 +44,12 @@ function look(frame, width) {
   return {found, smallest: isFinite(smallest) ? smallest : null, height: page.documentElement.scrollHeight};
 }
 const frame = document.getElementById('phone');
-frame.onload = () => {
+frame.onload = async () => {
+  const pause = milliseconds => new Promise(done => setTimeout(done, milliseconds));
+  const documents = () => frame.contentWindow.Bokeh?.documents ?? [];
+  const places = frame.contentDocument.querySelectorAll('[data-root-id]');
+  while (places.length && (!documents().length || documents().some(one => !one.is_idle))) await pause(50);
+  await pause(300);
   document.getElementById('found').textContent = JSON.stringify(look(frame, %d));
 };
 frame.srcdoc = %s;

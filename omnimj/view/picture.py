@@ -29,7 +29,7 @@ from omnimj.view.wording import Span, fault_spans
 
 BACKENDS = ("osmesa", "egl")
 SUPERSAMPLING = 2
-"""Samples per pixel and direction: multisampling alone leaves the edges of shadows rough."""
+"""Samples per pixel and direction: multisampling by OpenGL leaves the edges of shadows rough."""
 _TRAIL_RADIUS = 0.004  # [m] of the line that shows a path
 _TIMEOUT = 90.0  # [s], enough for a software renderer on a slow machine
 HOW_TO_RENDER = (
@@ -202,7 +202,7 @@ def frames(
     """
     width, height = (SUPERSAMPLING * side for side in size)
     mj_model.vis.global_.offwidth, mj_model.vis.global_.offheight = width, height
-    mj_model.vis.quality.offsamples = 4
+    mj_model.vis.quality.offsamples = 0  # a picture is averaged over more samples than one per pixel anyway
     mj_data, eye = mujoco.MjData(mj_model), mujoco.MjvCamera()
     lamps = mj_model.light_pos.copy()
     with mujoco.Renderer(mj_model, height, width) as renderer:
@@ -227,7 +227,10 @@ def place(mj_model: mujoco.MjModel, mj_data: mujoco.MjData, qpos: Array) -> None
 def smoothed(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
     """Average `SUPERSAMPLING` pixels per direction to a picture of a width and height."""
     blocks = pixels.reshape(size[1], SUPERSAMPLING, size[0], SUPERSAMPLING, 3)
-    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    total = np.full((size[1], size[0], 3), SUPERSAMPLING**2 // 2, np.uint16)  # rounds to the nearest
+    for row, column in np.ndindex(SUPERSAMPLING, SUPERSAMPLING):
+        total += blocks[:, row, :, column]
+    return (total // SUPERSAMPLING**2).astype(np.uint8)
 
 
 def add_path(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import BoxAnnotation, HBar, Label, Legend, Line
 
 from omnimj.view.plots.panels import Panel
 
@@ -19,9 +18,14 @@ class DrawnLine(NamedTuple):
     y: np.ndarray
 
 
+def marks(panel: Panel, kind: str) -> list[Any]:
+    """Annotations of a kind."""
+    return [mark for mark in panel.plot.center if mark.kind == kind]
+
+
 def labels_of(panel: Panel) -> dict[Any, str]:
     """Entry of the legend by renderer."""
-    items = [item for legend in panel.plot.select(Legend) for item in legend.items]
+    items = [item for legend in panel.plot.above for item in legend.items]
     return {renderer: item.label.value for item in items for renderer in item.renderers}
 
 
@@ -31,25 +35,25 @@ def lines(panel: Panel, label: str | None = None) -> list[DrawnLine]:
     found = []
     for renderer in panel.plot.renderers:
         glyph, data = renderer.glyph, renderer.data_source.data
-        if isinstance(glyph, Line) and glyph.line_alpha > 0.0:
+        if glyph.kind == "Line" and glyph.line_alpha > 0.0:
             named = labels.get(renderer, "")
-            found.append(DrawnLine(named, str(glyph.line_color), data[glyph.x], data[glyph.y]))
+            found.append(DrawnLine(named, str(glyph.line_color), data["x"], data[glyph.y.field]))
     return [line for line in found if label is None or line.label == label]
 
 
 def shades(panel: Panel) -> list[Any]:
     """Shaded intervals."""
-    return [box for box in panel.plot.select(BoxAnnotation) if box.name == "fault"]
+    return [box for box in marks(panel, "BoxAnnotation") if box.name == "fault"]
 
 
 def texts(panel: Panel) -> list[str]:
     """Words written into the panel."""
-    return [label.text for label in panel.plot.select(Label)]
+    return [label.text for label in marks(panel, "Label")]
 
 
 def row_names(panel: Panel) -> list[str]:
     """Names of the rows of the value axis, from top to bottom."""
-    overrides = panel.plot.yaxis[0].major_label_overrides
+    overrides = panel.y_axis.major_label_overrides
     return [overrides[row] for row in sorted(overrides)]
 
 
@@ -66,7 +70,7 @@ def bars(panel: Panel) -> list[Bar]:
     """Horizontal bars in the order in which they are drawn."""
     names, found = row_names(panel), []
     for renderer in panel.plot.renderers:
-        if isinstance(renderer.glyph, HBar):
+        if renderer.glyph.kind == "HBar":
             data = renderer.data_source.data
             colors = data.get("color", [renderer.glyph.fill_color] * len(data["left"]))
             rows = [names[row] for row in data["middle"]]

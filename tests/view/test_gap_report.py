@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bokeh.models import Scatter
 from drawn import labels_of, lines, row_names
 from made_findings import FINDINGS, rig_named, rig_no_gap, robot
 from test_report import Page, without_scripts
@@ -195,7 +194,7 @@ def test_texts_from_outside_cannot_break_the_page(page_path):
     )
     write_gap_report(page_path, broken, "m.toml", "f.toml", evil)
     page = Page(page_path)
-    assert not any("alert('x')" in script for script in page.scripts) and evil in page.text
+    assert not any(evil in script for script in page.scripts) and evil in page.text
 
 
 def bare(finding: Finding) -> Finding:
@@ -236,12 +235,12 @@ def test_every_axis_names_its_quantity(pages):
     finding = rig_named()
     variable, place = mismatch.regime_variables(finding)[0]
     (panel,) = mismatch.against_regime(finding, variable, place).panels
-    assert panel.plot.xaxis.axis_label == "lateral speed [m/s]"
-    assert panel.plot.yaxis.axis_label.endswith("[m/s]")
+    assert panel.x_axis.axis_label == "lateral speed [m/s]"
+    assert panel.y_axis.axis_label.endswith("[m/s]")
     run = mismatch.overlay(finding, list(finding.overlays[:1]))
-    assert all(re.search(r"\[.+\]$", panel.plot.yaxis.axis_label) for panel in run.panels)
+    assert all(re.search(r"\[.+\]$", panel.y_axis.axis_label) for panel in run.panels)
     spectrum = mismatch.spectra(finding, [0, 1, 2])
-    assert all(panel.plot.yaxis.axis_label.endswith("/√Hz]") for panel in spectrum.panels)
+    assert all(panel.y_axis.axis_label.endswith("/√Hz]") for panel in spectrum.panels)
 
 
 def test_the_noise_of_a_perfect_model_lies_on_the_line_of_the_noise():
@@ -273,7 +272,7 @@ def test_texts_as_regimes_are_not_drawn_over():
 
 def markers(panel: Panel) -> dict[str, Any]:
     """Markers by their entry of the legend."""
-    return {label: drawn for drawn, label in labels_of(panel).items() if isinstance(drawn.glyph, Scatter)}
+    return {label: drawn for drawn, label in labels_of(panel).items() if drawn.glyph.kind == "Scatter"}
 
 
 def test_each_row_shows_the_mismatch_of_its_run():

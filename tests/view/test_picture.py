@@ -25,6 +25,12 @@ def volume(surface) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
+def test_a_pixel_is_the_mean_of_its_samples():
+    samples = np.random.default_rng(0).integers(0, 256, (40, 60, 3), np.uint8)
+    mean = samples.reshape(20, 2, 30, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(picture_room.smoothed(samples, (30, 20)), mean, atol=0.5)
+
+
 @pytest.mark.parametrize(
     "surface, expected",
     [

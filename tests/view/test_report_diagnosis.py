@@ -156,14 +156,14 @@ def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
     (threshold,) = lines(panel, "threshold")
     low, high = panel.plot.y_range.start, panel.plot.y_range.end
     assert 0.1 < (threshold.y[0] - low) / (high - low) < 0.6
-    assert "logarithmic" in panel.plot.yaxis.axis_label
+    assert "logarithmic" in panel.y_axis.axis_label
     # the marks on the axis are where the same values are drawn
-    ticks = {name: place for place, name in panel.plot.yaxis[0].major_label_overrides.items()}
+    ticks = {name: place for place, name in panel.y_axis.major_label_overrides.items()}
     peak = max(float(line.y.max()) for line in lines(panel, "wheel 2"))
     assert ticks["0.01"] < peak < ticks["0.1"] and ticks["0"] == 0
     # the values below the cursor are the residuals themselves
     data = panel.plot.renderers[0].data_source.data
-    (hover,) = [tool for tool in panel.plot.toolbar.tools if type(tool).__name__ == "HoverTool"]
+    (hover,) = [tool for tool in panel.plot.toolbar.tools if tool.kind == "HoverTool"]
     column = dict(hover.tooltips)["wheel 2"].removeprefix("@").partition("{")[0]
     assert data[column].max() == np.float32(trace["residual_slip_2"].max())
 

@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from bokeh.models import Label
-from drawn import bars, lines, row_names, texts
+from drawn import bars, lines, marks, row_names, texts
 
 from omnimj.studies.sensitivity.elementary_effects import (
     ResultSensitivity,
@@ -100,7 +99,7 @@ def test_the_shares_have_a_row_per_number_that_is_worth_half_a_percent():
     assert shown.tolist() == [pytest.approx([value] * 2, rel=0.05) for value in expected[[0, 1]]] + [
         pytest.approx([100.0 * SIZES[3] / 8.0 / 5.06] * 2, rel=0.15)
     ]
-    words = {(label.y, label.x): label.text for label in right.plot.select(Label)}
+    words = {(label.y, label.x): label.text for label in marks(right, "Label")}
     assert [words[place] for place in sorted(words)] == [f"{share:.0f}" for share in shown.ravel()]
     depth = [int(color[1:3], 16) for color in cells.data_source.data["color"]]
     assert depth[0] < depth[2] < depth[4]  # the larger the share, the darker

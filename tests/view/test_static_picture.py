@@ -17,6 +17,7 @@ from test_report import Page
 
 from omnimj.view import palette
 from omnimj.view.plots import runs
+from omnimj.view.plots.outlines import CLOSE, simplified
 from omnimj.view.plots.over_time import shade_faults
 from omnimj.view.plots.panels import Drawing, Panel, new_drawing
 from omnimj.view.plots.static import WIDTH, svg, svg_file
@@ -150,6 +151,28 @@ def test_no_point_of_a_path_is_further_than_half_a_pixel_from_its_picture(kind):
     up = height * (0.04 + (y.max() - y) / np.ptp(y)) / 1.08
     assert max(distance(point, line) for point in np.column_stack([across, up])) < 0.5
     assert kind == "wandering" or len(line) < 200
+
+
+def recursively(places: np.ndarray, close: float) -> list[complex]:
+    """Douglas and Peucker as they wrote it."""
+    first, last = places[0], places[-1]
+    if len(places) < 3:
+        return [first, last]
+    ends = np.array([[first.real, first.imag], [last.real, last.imag]])
+    away = [distance(np.array([p.real, p.imag]), ends) for p in places[1:-1]]
+    middle = int(np.argmax(away)) + 1
+    if away[middle - 1] <= close:
+        return [first, last]
+    return recursively(places[: middle + 1], close)[:-1] + recursively(places[middle:], close)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=1, max_size=40))
+def test_a_line_is_simplified_as_by_splitting_it_at_its_farthest_point_again_and_again(corners):
+    places = np.array([complex(x, y) for x, y in corners])
+    found = simplified(places).tolist()
+    expected = recursively(places, CLOSE)
+    assert found == (expected if len(places) > 1 else places.tolist())
 
 
 def test_a_gap_in_the_data_is_a_gap_in_the_line():
@@ -286,7 +309,7 @@ def test_entries_of_a_legend_are_all_there_inside_the_picture():
 
 def test_a_kind_of_glyph_or_mark_that_is_unknown_is_an_error_that_names_it():
     drawing = plain([0.0, 1.0], [0.0, 1.0])
-    drawing.panels[0].plot.wedge([0.0], [0.0], 1.0, 0.0, 1.0)
+    drawing.panels[0].plot.renderers[0].glyph.kind = "Wedge"
     with pytest.raises(TypeError, match="Wedge"):
         svg(drawing)
     panel = Panel(250, over_time=False)

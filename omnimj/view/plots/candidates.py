@@ -55,7 +55,7 @@ def _intervals(
         names.append(format_percent(gain.value) + interval)
     values = [100.0 * max(gain.value, LEAST_GAIN) for gain in gains]
     markers = panel.points(values, heights, color, label, marker, 9, names=names).glyph
-    markers.update(fill_color=color if is_filled else "white")
+    markers.fill_color = color if is_filled else "white"
 
 
 def decoy_gains(stage: Stage) -> Drawing:

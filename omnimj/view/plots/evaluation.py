@@ -32,8 +32,9 @@ def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Drawing:
     panel = matrix_panel(counts / cases, rows, columns, words, names)
     panel.values("truth")
     panel.x_label = "diagnosed"
-    x, y = np.array([columns.index(name) for name in rows]), np.arange(len(rows))  # correct diagnoses
-    panel.plot.quad(x - 0.5, x + 0.5, y + 0.5, y - 0.5, fill_alpha=0.0, line_color=palette.HEALTHY)
+    # correct diagnoses
+    x, y = np.array([float(columns.index(name)) for name in rows]), np.arange(float(len(rows)))
+    panel.frames(x, y, palette.HEALTHY)
     return panel.finish()
 
 

@@ -35,6 +35,6 @@ def matrix_panel(
     panel.rows(rows)
     panel.ticks(range(len(columns)), columns, across=True)
     panel.x_limits(x[0], x[-1])
-    panel.plot.xaxis.major_label_orientation = "vertical"
-    panel.plot.grid.visible = False
+    panel.x_axis.major_label_orientation = "vertical"
+    panel.hide_grid(across=True)
     return panel

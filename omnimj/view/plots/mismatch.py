@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from bokeh.models import BoxAnnotation
 from scipy.signal import welch
 
 from omnimj.estimate.gap.records import (
@@ -69,10 +68,9 @@ def dumbbells(labels: Sequence[str], before: Sequence[float], after: Sequence[fl
     reference_line(panel, 1.0, "noise", (len(before) - 0.5, -0.5))
     rows, name = np.arange(len(before)), "simulated" if after is None else "before"
     if after is not None:
-        joined = {"line_color": palette.lighter(palette.MUTED, 0.45), "line_width": 2}
-        panel.plot.segment(before, rows, after, rows, **joined)
+        panel.segments(before, rows, after, rows, palette.lighter(palette.MUTED, 0.45), 2.0)
     rings = panel.points(before, rows, BEFORE, name, names=_in_noise(name, before)).glyph
-    rings.update(fill_color="white", line_width=2)
+    rings.fill_color, rings.line_width = "white", 2
     if after is not None:
         panel.points(after, rows, AFTER, "after", size=8, names=_in_noise("after", after))
     panel.legend()
@@ -144,12 +142,9 @@ def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Dr
 def _shade(panel: Panel, variable: str, place: MismatchRegime, x: Array) -> None:
     """Shade a regime; a side beyond all blocks, whose abscissae are x, shape (k,), is the panel's."""
     least, most = float(np.nanmin(x)), float(np.nanmax(x))
-    style = {"fill_color": palette.FAULT, "fill_alpha": 0.13, "level": "underlay", "line_width": 0}
     for start, end in spans_of(place, variable):
         if start > least or end < most:  # a regime over the whole range does not localise the gap
-            sides: Any = {"left": start} if start > least else {}
-            sides |= {"right": end} if end < most else {}
-            panel.plot.add_layout(BoxAnnotation(name="regime", **sides, **style))
+            panel.shade("regime", start if start > least else None, end if end < most else None, 0.13)
 
 
 def either_sign(place: MismatchRegime, variable: str) -> bool:
@@ -269,7 +264,8 @@ def spectra(finding: Finding, channels: Sequence[int]) -> Drawing:
         # at least one decade, so that noise does not look like more than it is
         panel.contains(np.array([frequency[0], 0.3 * noise]), np.array([frequency[-1], 3.0 * noise]))
         panel.ticks(_DECADES, [f"{place:g}" for place in _DECADES])
-        tips = [(name, f"@{one.glyph.y} {panel.unit}") for name, one in zip(panel.labels, drawn, strict=True)]
+        columns = (f"@{one.glyph.y.field} {panel.unit}" for one in drawn)
+        tips = list(zip(panel.labels, columns, strict=True))
         panel.hover(drawn[:1], [("frequency", "@x Hz"), *tips], "vline")
         panel.plot.min_border_left = _WIDE_LEFT
         if is_last:

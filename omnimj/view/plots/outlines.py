@@ -6,19 +6,19 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from bokeh.core.property.vectorization import Field, Value
-from bokeh.models import HBar, Line, Patch, Quad, Scatter, Segment, VArea
 from markupsafe import escape
 from numpy.typing import NDArray
 
 from omnimj.signals import Array
+from omnimj.view.plots.models import Field
 from omnimj.view.plots.thinning import envelope
 
 ToPixels = Callable[[Array], Array]
 NO_FILL = 'fill="none"'
 _BINS = 400
-_CLOSE = 3.0  # [pixels / 10] greatest distance of a left-out point from the line
-_OPEN = Line | Segment
+CLOSE = 3.0
+"""Greatest distance of a left-out point from the line [pixels / 10]."""
+_OPEN = ("Line", "Segment")
 _TURN = np.linspace(-0.25, 0.75, 20, endpoint=False)
 _MARKERS = {  # corners in units of half the size, downwards is positive
     "circle": np.exp(2j * np.pi * _TURN),
@@ -35,31 +35,31 @@ def outlines(renderer: Any) -> list[tuple[Array, Array]]:
     Raises:
       TypeError: The kind of glyph is unknown.
     """
-    glyph = renderer.glyph
+    kind = renderer.glyph.kind
 
     def values(*names: str) -> list[Array]:
         read = (np.asarray(_read(renderer, name), float) for name in names)
         return [np.atleast_1d(one) for one in np.broadcast_arrays(*read)]
 
-    if isinstance(glyph, Line):
+    if kind == "Line":
         return [_thinned(*values("x", "y"))]
-    if isinstance(glyph, Scatter | Patch):
+    if kind in ("Scatter", "Patch"):
         x, y = values("x", "y")
         return [(x, y)]
-    if isinstance(glyph, VArea):
+    if kind == "VArea":
         x, low, high = values("x", "y1", "y2")
         (x, low), (_, high) = _thinned(x, low), _thinned(x, high)
         return [(np.append(x, x[::-1]), np.append(low, high[::-1]))]
-    if isinstance(glyph, Segment):
+    if kind == "Segment":
         x0, y0, x1, y1 = values("x0", "y0", "x1", "y1")
         return list(zip(np.column_stack([x0, x1]), np.column_stack([y0, y1]), strict=True))
-    if isinstance(glyph, HBar):
+    if kind == "HBar":
         left, right, y, height = values("left", "right", "y", "height")
         low, high = y - 0.5 * height, y + 0.5 * height
-    elif isinstance(glyph, Quad):
+    elif kind == "Quad":
         left, right, low, high = values("left", "right", "bottom", "top")
     else:
-        raise TypeError(f"found {glyph}; a static picture has no such glyph")
+        raise TypeError(f"found {kind}; a static picture has no such glyph")
     corners = np.column_stack([left, right, right, left]), np.column_stack([low, low, high, high])
     return list(zip(*corners, strict=True))
 
@@ -67,10 +67,10 @@ def outlines(renderer: Any) -> list[tuple[Array, Array]]:
 def glyph_elements(renderer: Any, x: ToPixels, y: ToPixels) -> str:
     """Draw a glyph; parts that look alike are one element."""
     found: dict[str, list[str]] = {}
-    if isinstance(renderer.glyph, Scatter):
+    if renderer.glyph.kind == "Scatter":
         parts = _markers(renderer, x, y)
     else:
-        is_open = isinstance(renderer.glyph, _OPEN)
+        is_open = renderer.glyph.kind in _OPEN
         lines = (_path(x(a), y(b), is_open) for a, b in outlines(renderer))
         parts = ((line, _look(renderer, i)) for i, line in enumerate(lines))
     for path, look in parts:
@@ -81,9 +81,9 @@ def glyph_elements(renderer: Any, x: ToPixels, y: ToPixels) -> str:
 def sample(renderer: Any, x: float, y: float, length: float) -> str:
     """Draw the sample of a glyph in a legend: left end at x, middle at the height y, a length [pixels]."""
     middle, look = x + 0.5 * length, _look(renderer, 0)
-    if isinstance(renderer.glyph, Scatter):
+    if renderer.glyph.kind == "Scatter":
         path = _marker(_one(_read(renderer, "marker"), 0), complex(middle, y), 7.0)
-    elif isinstance(renderer.glyph, _OPEN):
+    elif renderer.glyph.kind in _OPEN:
         path = f"M{x:.1f} {y:.1f}h{length:g}"
     else:
         path = _marker("square", complex(middle, y), 10.0)
@@ -109,14 +109,8 @@ def _opacity(what: str, alpha: float) -> str:
 
 def _read(renderer: Any, name: str) -> Any:
     """Property of a glyph: one value, or a column of its data."""
-    value, data = getattr(renderer.glyph, name, None), renderer.data_source.data
-    if isinstance(value, Field):
-        return data[value.field]
-    if isinstance(value, Value):
-        return value.value
-    # `x` is both a column and a marker
-    is_column = isinstance(value, str) and value in data and name != "marker"
-    return data[value] if is_column else value
+    value = getattr(renderer.glyph, name, None)
+    return renderer.data_source.data[value.field] if isinstance(value, Field) else value
 
 
 def _one(value: Any, i: int) -> Any:
@@ -168,29 +162,36 @@ def _path(x: Array, y: Array, is_open: bool) -> str:
     known = np.isfinite(places)
     for run in np.split(places, np.flatnonzero(np.diff(known)) + 1):
         if len(run) and np.isfinite(run[0]):
-            kept = _simplified(run)
+            kept = simplified(run)
             steps = np.diff(kept, prepend=0.0)
             first, *rest = (f"{step.real / 10.0:g} {step.imag / 10.0:g}" for step in steps)
             text += f"M{first}l{' '.join(rest) or '0 0'}" + ("" if is_open else "z")
     return text.replace(" 0.", " .").replace("-0.", "-.").replace(" -", "-")
 
 
-def _simplified(places: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def simplified(places: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Leave out points of a line, shape (k,), that are close to it without them (Douglas and Peucker)."""
-    kept = np.zeros(len(places), bool)
-    kept[[0, -1]] = True
-    parts = [(0, len(places) - 1)]
-    while parts:
-        first, last = parts.pop()
-        if last - first < 2:
-            continue
-        chord, aside = places[last] - places[first], places[first + 1 : last] - places[first]
-        if chord:  # distance from the chord between its ends: a path may go on beyond an end and return
-            aside = aside - chord * np.minimum(np.maximum((aside / chord).real, 0.0), 1.0)
-        away = np.abs(aside)
-        middle = int(away.argmax())
-        if away[middle] > _CLOSE:
-            middle += first + 1
-            kept[middle] = True
-            parts += [(first, middle), (middle, last)]
+    if len(places) < 3:
+        return places
+    kept = np.array([0, len(places) - 1])  # in order
+    is_open = np.ones(1, bool)  # of the parts between them, those that may need another point
+    while is_open.any():
+        first, last = kept[:-1][is_open], kept[1:][is_open]
+        length = last - first
+        starts = np.cumsum(length) - length  # of the parts in the arrays of all their points
+        part = np.repeat(np.arange(len(first)), length)
+        point = first[part] + np.arange(len(part)) - starts[part]
+        chord, aside = (places[last] - places[first])[part], places[point] - places[first[part]]
+        # distance from the chord between its ends: a path may go on beyond an end and return
+        square = np.maximum(np.abs(chord) ** 2, 1e-12)
+        along = np.minimum(np.maximum((aside * chord.conj()).real / square, 0.0), 1.0)
+        away = np.abs(aside - along * chord)
+        farthest = np.maximum.reduceat(away, starts)
+        candidate = np.where(away == farthest[part], point, len(places))
+        added = np.minimum.reduceat(candidate, starts)[farthest > CLOSE]
+        merged = np.concatenate([kept, added])
+        order = np.argsort(merged, kind="stable")
+        kept = merged[order]
+        is_new = order >= len(order) - len(added)
+        is_open = is_new[:-1] | is_new[1:]
     return places[kept]

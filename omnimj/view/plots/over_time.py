@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bokeh.models import BoxAnnotation, Label, Node
-
 from omnimj.signals import Array
 from omnimj.view import palette
+from omnimj.view.plots.models import in_frame
 from omnimj.view.plots.panels import Drawing, Panel
 from omnimj.view.wording import Span
 
@@ -36,8 +35,7 @@ def shade_faults(panel: Panel, spans: Sequence[Span], time: Array, labelled: boo
     """
     for row, ((start, end), labels) in enumerate(_together(spans).items()):
         edge = {"line_color": palette.FAULT, "line_dash": [3, 3], "line_width": 0.9}
-        fill = {"fill_color": palette.FAULT, "fill_alpha": 0.16, "level": "underlay", "name": "fault"}
-        panel.plot.add_layout(BoxAnnotation(left=start, right=end, **fill, **edge))
+        panel.shade("fault", start, end, 0.16, **edge)
         if labelled:
             _name_band(panel, (start, end), time, "; ".join(labels), row % 4)
 
@@ -71,17 +69,14 @@ def _name_band(panel: Panel, band: tuple[float, float], time: Array, label: str,
         place, side, aside = start, "left", 4
     else:
         place, side, aside = middle, "center", 0
-    panel.plot.add_layout(
-        Label(
-            x=place,
-            y=Node(target="frame", symbol="top", offset=2 + _ROW * row),
-            text=label,
-            x_offset=aside,
-            text_align=side,
-            text_baseline="top",
-            text_font_size="11px",
-            text_color=palette.FAULT_INK,
-            background_fill_color="white",
-            background_fill_alpha=0.65,
-        )
+    panel.text(
+        place,
+        in_frame("top", 2 + _ROW * row),
+        label,
+        palette.FAULT_INK,
+        x_offset=aside,
+        text_align=side,
+        text_baseline="top",
+        background_fill_color="white",
+        background_fill_alpha=0.65,
     )

@@ -58,7 +58,7 @@ def _bars(
     texts = [f"{name}: {v:.3g} ({a:.3g} … {b:.3g}) {unit}" for name, (v, a, b) in each]
     color = palette.lighter(palette.MEASURED, 0.45)
     panel.bars(np.zeros(len(rows)), value, rows, 0.62, color, names=texts)
-    panel.plot.segment(low, rows, high, rows, line_color=palette.INK, line_width=1.5)
+    panel.segments(low, rows, high, rows, palette.INK, 1.5)
     panel.rows(names)
     panel.x_limits(0.0, 1.05 * float(np.max([value, high])))
 

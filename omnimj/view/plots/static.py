@@ -1,7 +1,7 @@
 """Static SVG pictures of drawings: for browsers without JavaScript, for paper and for the documentation.
 
-They are read from the Bokeh models, so that both show the same. Hatches and tooltips are left out. Anything
-else that is unknown here is an error, so that nothing is missing silently.
+They are read from the objects that the browser draws, so that both show the same. Hatches and tooltips are
+left out. Anything else that is unknown here is an error, so that nothing is missing silently.
 """
 
 from __future__ import annotations
@@ -13,24 +13,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import (
-    BasicTickFormatter,
-    BoxAnnotation,
-    DataRange1d,
-    FixedTicker,
-    GlyphRenderer,
-    Grid,
-    Label,
-    Legend,
-    LogTickFormatter,
-    Node,
-    Range1d,
-    Span,
-)
 from markupsafe import escape
 
 from omnimj.signals import Array
 from omnimj.view import palette
+from omnimj.view.plots.models import Model
 from omnimj.view.plots.outlines import NO_FILL, fill, glyph_elements, outlines, sample, stroke
 from omnimj.view.plots.panels import Drawing, Panel
 
@@ -64,7 +51,7 @@ class _Scale:
 
     def pixel(self, place: Any) -> float:
         """Pixel of a value, or of a place that is fixed to the frame."""
-        if isinstance(place, Node):
+        if isinstance(place, Model):
             return _SIDE[place.symbol] * self.length + place.offset
         return float(self(place))
 
@@ -108,19 +95,19 @@ def _panel(panel: Panel, limits: dict[str, _Limits], left: float, top: float, wi
     """Yield the elements of one panel, whose upper edge is at `top` and whose frame begins at `left`."""
     plot, entries = panel.plot, list(_entries(panel, width - left))
     above = 6 + _ROW * (1 + max((row for row, *_ in entries), default=-1))
-    wide, high = width - left - _RIGHT, panel.height - above - _room_below(plot.xaxis[0])
+    wide, high = width - left - _RIGHT, panel.height - above - _room_below(panel.x_axis)
     x, y = limits[plot.x_range.id], limits[plot.y_range.id]
     if panel.equal:
         x, y = _equal(x, y, wide / high)
     frame = _Frame(left, top + above, _Scale(x, wide, panel.x_log), _Scale(y, high, panel.y_log, True))
     models = [*plot.center, *plot.renderers]
-    inside = [model for model in models if model.visible and not isinstance(model, Label | Legend)]
+    inside = [model for model in models if model.kind != "Label" and model.visible]
     drawn = "".join(_inside(m, frame) for m in sorted(inside, key=lambda m: _LEVELS.index(m.level)))
     # an inner picture cuts off what is outside the frame; its style prevails over that of the page
     size = f'width="{wide:g}" height="{high:g}" style="width:{wide:g}px;height:{high:g}px"'
     yield f'<svg x="{left:g}" y="{frame.top:g}" {size}>{drawn}</svg>'
-    yield from _axes(plot, frame)
-    yield from (_label(model, frame) for model in models if isinstance(model, Label))
+    yield from _axes(panel, frame)
+    yield from (_label(model, frame) for model in models if model.kind == "Label")
     for row, place, words, renderers in entries:
         x0, middle = left + place, top + 4 + _ROW * (row + 0.5)
         yield from (sample(renderer, x0, middle, _SAMPLE) for renderer in renderers)
@@ -132,16 +119,14 @@ def _all_limits(drawing: Drawing) -> dict[str, _Limits]:
     found: dict[str, _Limits] = {}
     for k, panel in itertools.product((0, 1), drawing.panels):
         shown = (panel.plot.x_range, panel.plot.y_range)[k]
-        if isinstance(shown, Range1d):
+        if shown.kind == "Range1d":
             found[shown.id] = _fixed(shown)
-        elif isinstance(shown, DataRange1d):
+        else:
             sharing = [p.plot for p in drawing.panels if shown in (p.plot.x_range, p.plot.y_range)]
             models = itertools.chain.from_iterable(plot.renderers for plot in sharing)
-            parts = [part[k] for model in models if model.visible for part in outlines(model)]
+            parts = [part[k] for model in models for part in outlines(model)]
             log = (panel.x_log, panel.y_log)[k]
             found[shown.id] = _padded(np.concatenate(parts or [np.empty(0)]), shown.range_padding, log)
-        else:
-            raise _unknown(shown)
     return found
 
 
@@ -173,15 +158,13 @@ def _ticks(axis: Any, limits: _Limits, log: bool) -> list[tuple[float, str]]:
     low, high = sorted(limits)
     near = 1e-9 * (high - low)
     places = [at for at in _places(axis.ticker, low, high, log) if low - near <= at <= high + near]
-    if not isinstance(axis.formatter, BasicTickFormatter | LogTickFormatter):
-        raise _unknown(axis.formatter)
     # nine digits distinguish neighbours, and hide the rounding of multiples
     return [(at, axis.major_label_overrides.get(at, f"{at:.9g}".replace("-", "−"))) for at in places]
 
 
 def _places(ticker: Any, low: float, high: float, log: bool) -> list[float]:
     """Ticks between two values, 1, 2 or 5 times a power of ten apart, or powers of ten."""
-    if isinstance(ticker, FixedTicker):
+    if ticker.kind == "FixedTicker":
         return [float(place) for place in ticker.ticks]
     if log and high > 30.0 * low:
         first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
@@ -196,16 +179,16 @@ def _places(ticker: Any, low: float, high: float, log: bool) -> list[float]:
 def _inside(model: Any, frame: _Frame) -> str:
     """Draw a glyph, a grid or an annotation in the coordinates of the frame."""
     x, y = frame.x, frame.y
-    if isinstance(model, GlyphRenderer):
+    if model.kind == "GlyphRenderer":
         return glyph_elements(model, x, y)
-    if isinstance(model, Grid):
+    if model.kind == "Grid":
         across, look = model.dimension == 1, stroke(model.grid_line_color, 1)
         scale = y if across else x
         places = [scale.pixel(at) for at, _ in _ticks(model.axis, scale.limits, scale.log)]
-    elif isinstance(model, Span):
+    elif model.kind == "Span":
         across, look = model.dimension == "width", stroke(model.line_color, model.line_width, model.line_dash)
         places = [(y if across else x).pixel(model.location)]
-    elif isinstance(model, BoxAnnotation):
+    elif model.kind == "BoxAnnotation":
         # edges along the frame are drawn beyond it, where they are cut off
         left, right = x.pixel(model.left) - 1.0, x.pixel(model.right) + 1.0
         top, bottom = y.pixel(model.top) - 1.0, y.pixel(model.bottom) + 1.0
@@ -213,14 +196,14 @@ def _inside(model: Any, frame: _Frame) -> str:
         look += " " + stroke(model.line_color, model.line_width, model.line_dash)
         return f'<path d="M{left:.1f} {top:.1f}H{right:.1f}V{bottom:.1f}H{left:.1f}z" {look}/>'
     else:
-        raise _unknown(model)
+        raise TypeError(f"found {model.kind}; a static picture has no such part")
     lines = (f"M0 {at:.1f}h{x.length:g}" if across else f"M{at:.1f} 0v{y.length:g}" for at in places)
     return f'<path d="{"".join(lines)}" {look}/>' if look else ""
 
 
 def _room(panel: Panel, limits: dict[str, _Limits]) -> float:
     """Width left of the frame that label and ticks of the value axis need [pixels]."""
-    axis = panel.plot.yaxis[0]
+    axis = panel.y_axis
     ticks = _ticks(axis, limits[panel.plot.y_range.id], panel.y_log)
     longest = max((_length(name) for _, name in ticks), default=0.0)
     return max(_LEFT, longest + _TICK + 5 + _ROW * _lines(axis.axis_label))
@@ -234,12 +217,12 @@ def _room_below(axis: Any) -> float:
 
 
 def _is_labelled(axis: Any) -> bool:
-    return axis.visible and axis.major_label_text_font_size != "0px"
+    return axis.major_label_text_font_size != "0px"
 
 
-def _axes(plot: Any, frame: _Frame) -> Iterator[str]:
+def _axes(panel: Panel, frame: _Frame) -> Iterator[str]:
     """Yield lines, ticks, names and labels of both axes."""
-    x, y, left, (below, beside) = frame.x, frame.y, frame.left, (plot.xaxis[0], plot.yaxis[0])
+    x, y, left, (below, beside) = frame.x, frame.y, frame.left, (panel.x_axis, panel.y_axis)
     bottom, lines = frame.top + y.length, ""
     for at, name in _ticks(below, x.limits, x.log):
         place = left + x.pixel(at)
@@ -248,7 +231,7 @@ def _axes(plot: Any, frame: _Frame) -> Iterator[str]:
             yield _text(place + 4, bottom + _TICK + 3, name, "end", turned=True)
         elif _is_labelled(below):
             yield _text(place, bottom + _TICK + _SIZE, name, "middle")
-    lines = f"M{left:g} {frame.top:g}V{bottom:g}" + (f"h{x.length:g}{lines}" if below.visible else "")
+    lines = f"M{left:g} {frame.top:g}V{bottom:g}h{x.length:g}{lines}"
     for at, name in _ticks(beside, y.limits, y.log):
         place = frame.top + y.pixel(at)
         lines += f"M{left:g} {place:.1f}h-{_TICK}"
@@ -264,7 +247,7 @@ def _axes(plot: Any, frame: _Frame) -> Iterator[str]:
 def _entries(panel: Panel, room: float) -> Iterator[tuple[int, float, str, list[Any]]]:
     """Yield the entries of the legend: row, place from the left [pixels], words, renderers."""
     row, column, place = 0, 0, 0.0
-    for legend in panel.plot.legend:
+    for legend in panel.plot.above:
         for item in legend.items:
             words = item.label.value
             needed = _SAMPLE + 4 + _length(words)
@@ -308,7 +291,3 @@ def _logged(value: Any) -> Array:
     """Decimal logarithm; NaN where there is none."""
     value = np.asarray(value, float)
     return np.log10(np.where(value > 0.0, value, np.nan))
-
-
-def _unknown(model: Any) -> TypeError:
-    return TypeError(f"found {type(model).__name__}; a static picture has no such part")

@@ -90,7 +90,7 @@ def _scale(low: float, high: float) -> Panel:
     names = [f"{cost:.4f}" for cost in borders[:-1]]
     panel.cells(borders, np.array([0.0, 1.0]), _COLORS[::4].tolist(), names)
     panel.x_limits(borders[0], borders[-1])
-    panel.plot.xaxis.ticker.desired_num_ticks = 4
+    panel.x_axis.ticker.desired_num_ticks = 4
     panel.ticks((), ())
     panel.finish()
     return panel

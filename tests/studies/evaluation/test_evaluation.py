@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from bokeh.models import Label
 from inline_executor import InlineExecutor, quiet
 from made_methods import DELAY, crying_wolf, perfect
 
@@ -260,7 +259,7 @@ def test_the_confusion_matrix_tells_the_cases_of_each_cell_and_marks_the_correct
     place = corners["truth motor 1, diagnosed motor 1: 2 of 4 cases"]
     assert list(zip(correct["left"], correct["bottom"], strict=True)) == [(-0.5, -0.5), place]
     assert "truth none, diagnosed several: 0 of 3 cases" in corners
-    words = {(label.x, label.y): label.text for label in panel.plot.select(Label)}
+    words = {(mark.x, mark.y): mark.text for mark in panel.plot.center if mark.kind == "Label"}
     assert words == {(0, 0): "3", (0, 1): "1", (1, 1): "2", (2, 1): "1"}
 
 
