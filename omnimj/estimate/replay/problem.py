@@ -149,7 +149,9 @@ class Problem:
 
         A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks.
         """
-        r = np.nan_to_num(mismatch / self.noise)
+        r = mismatch / self.noise
+        odd = ~np.isfinite(r)
+        r[odd] = np.nan_to_num(r[odd])
         for c, channel in enumerate(self.replay.channels):
             if channel.run_offset_spread > 0.0:
                 for segment in self.replay.segments:

@@ -40,11 +40,10 @@ speeds = st.floats(0.01, 2.0).flatmap(lambda v: st.sampled_from([v, -v]))
 
 def balance(law, command, speed, needed):
     """What the balance of a joint at this speed lacks, its links needing a force."""
-    links, found, friction = np.zeros((4, 1, 1)), np.empty((1, 1)), np.empty((1, 1))
-    links[:, 0, 0] = needed, speed, speed, 1.0
-    motion = np.array([0.0, speed, 0.0]).reshape(3, 1, 1)
-    numbers = (motion, links, np.array([[command]]), ON, found, friction)
-    kernels.missing_forces(law[None], kernels.no_curve(), np.zeros(1), *numbers)
+    found, friction = np.empty((1, 1)), np.empty((1, 1))
+    numbers = (np.full((1, 1), one) for one in (0.0, speed, 0.0, needed, speed, speed, 1.0, command))
+    given = kernels.Balance._make((np.zeros(1), *numbers, ON))
+    kernels.missing_forces(law[None], kernels.no_curve(), given, found, friction)
     return found[0, 0] + friction[0, 0]
 
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import correlate1d
 from scipy.signal import savgol_filter
 
 from omnimj.estimate.replay.mjcf.filters import (
+    add_filtered,
     filtered,
     filtered_speed,
     limited_speed,
@@ -60,6 +62,17 @@ def test_a_local_cubic_is_that_of_scipy(width, order):
     expected = np.asarray(savgol_filter(values, width, 3, deriv=order, delta=PERIOD))
     found = local_cubic(values, width, order, PERIOD)
     assert found == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("width", [1, 5, 17])
+def test_a_column_is_filtered_within_its_stretches_as_by_scipy(width):
+    rng = np.random.default_rng(width)
+    values, weights, found = rng.normal(size=(60, 2)), rng.normal(size=width), np.ones((60, 2))
+    stretches = np.array([[0, 7, 0, 0], [7, 8, 0, 0], [8, 60, 0, 0]])
+    add_filtered(values, 1, stretches, weights, found)
+    parts = [correlate1d(values[a:b, 1], weights, mode="nearest") for a, b, *_ in stretches.tolist()]
+    assert found[:, 1] == pytest.approx(1.0 + np.concatenate(parts), abs=1e-12)
+    assert (found[:, 0] == 1.0).all()
 
 
 @pytest.mark.parametrize("width", [5, 9, 17, 35])

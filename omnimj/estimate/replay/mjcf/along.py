@@ -179,11 +179,11 @@ class Dynamics:
     def _lacking(self, laws: Laws, motor: tuple[Array, ...], rigid: Array, commands: Array) -> Array:
         """Force that the links need beyond what the motors leave them, shape (n, j) [N or N.m]."""
         position, speed, acceleration, balanced, limited = motor
-        columns = np.stack([position, balanced, acceleration])
-        links = np.stack([rigid, speed, limited, np.ones(speed.shape)])
+        moved = self._log.times, position, balanced, acceleration
+        links = rigid, speed, limited, np.ones(speed.shape)
         found, friction = np.empty(rigid.shape), np.empty(rigid.shape)
-        numbers = (columns, links, commands, self._log.enabled, found, friction)
-        kernels.missing_forces(laws.joints, kernels.no_curve(), self._log.times, *numbers)
+        given = kernels.Balance(*moved, *links, commands, self._log.enabled)
+        kernels.missing_forces(laws.joints, kernels.no_curve(), given, found, friction)
         return np.where(self._log.valid, found + friction, 0.0)
 
     def _inertias(self, laws: Laws, plain: tuple[Array, Array, Array], rigid: Array, term: int) -> Array:

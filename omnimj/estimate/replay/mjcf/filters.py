@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 
@@ -40,11 +41,40 @@ def local_cubic(values: Array, width: int, order: int, period: float) -> Array:
       order: Order of the derivative.
       period: Time between the samples [s].
     """
-    weights, half = _cubic_weights(width, order, period), width // 2
-    found = np.asarray(correlate1d(values, weights[half]))
-    found[:half] = weights[:half] @ values[:width]
-    found[len(found) - half :] = weights[half + 1 :] @ values[len(values) - width :]
+    found = np.empty(len(values))
+    _fit_cubics(np.ascontiguousarray(values, float), _cubic_weights(width, order, period), found)
     return found
+
+
+@kernel
+def _fit_cubics(values, weights, found):
+    """`local_cubic` with the weights of `_cubic_weights`; the first and the last cubic serve for the ends."""
+    n, width = len(values), len(weights)
+    half = width // 2
+    for k in range(n):
+        first = min(max(k - half, 0), n - width)
+        found[k] = np.dot(weights[k - first], values[first : first + width])
+
+
+@kernel
+def add_filtered(values, column, stretches, weights, found):
+    """Add a column filtered within each stretch, beyond whose ends its first and last value continue.
+
+    Args:
+      values: Shape (n, columns).
+      column: Its index.
+      stretches: Table whose first two columns are the first row of each stretch and the row after its last.
+      weights: Of the filter, shape (w,), w odd.
+      found: Shape (n, columns); the filtered column is added to the one of the same index.
+    """
+    half = len(weights) // 2
+    for s in range(len(stretches)):
+        first, last = stretches[s, 0], stretches[s, 1]
+        for k in range(first, last):
+            total = 0.0
+            for i in range(len(weights)):
+                total += weights[i] * values[min(max(k - half + i, first), last - 1), column]
+            found[k, column] += total
 
 
 @functools.cache

@@ -198,31 +198,52 @@ def steady_force(law, position):
     return spring - law[OFFSET]
 
 
+class Balance(NamedTuple):
+    """Motion of motors and links whose forces are balanced, n rows, j joints, shape (n, j) each."""
+
+    times: Array
+    """Time since the start of the run, shape (n,) [s]."""
+    position: Array
+    speed: Array
+    acceleration: Array
+    rigid: Array
+    """Rigid-body forces without armature, springs and friction, with what play changes of them [N or N.m]."""
+    sliding: Array
+    """Speed of the links behind their play."""
+    limited: Array
+    """Speed that tells their direction."""
+    contact: Array
+    """1 where the links touch the motor, otherwise 0."""
+    commands: Array
+    """Effective inputs of the actuators."""
+    enabled: NDArray[np.bool_]
+    """Whether the actuators are on."""
+
+
 @kernel
-def missing_forces(laws, curve, times, motion, links, commands, enabled, missing, friction):
+def missing_forces(laws, curve, given, missing, friction):
     """Force that each joint's balance lacks along the measured motion, and the dry friction apart.
 
     Args:
       laws: Laws of the joints, shape (j, LAW).
       curve: Free curve, shape (CURVE,).
-      times: Time since the start of the run, shape (n,) [s].
-      motion: Position, speed and acceleration, shape (3, n, j).
-      links: Rigid-body forces without armature, springs and friction, with what play changes of them; speed
-        of the links behind their play, and that which tells their direction; 1 where they touch the motor,
-        otherwise 0; shape (4, n, j).
-      commands: Effective inputs of the actuators, shape (n, j).
-      enabled: Whether the actuators are on, shape (n, j).
+      given: `Balance`.
       missing: Filled with needed − produced force without dry friction, shape (n, j) [N or N.m].
       friction: Filled with the dry friction, shape (n, j) [N or N.m].
     """
-    for k in range(len(times)):
+    for k in range(len(given.times)):
         for j in range(len(laws)):
             law = laws[j]
-            q, v, rigid, sliding = motion[0, k, j], motion[1, k, j], links[0, k, j], links[1, k, j]
-            limited = links[2, k, j]
-            needed = law[ARMATURE] * motion[2, k, j] + rigid + damping(law, v) * v
-            needed += steady_force(law, q) - _curve_force(curve, j, q, v, times[k])
-            produced = drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
+            q, v, rigid, sliding = (
+                given.position[k, j],
+                given.speed[k, j],
+                given.rigid[k, j],
+                given.sliding[k, j],
+            )
+            limited = given.limited[k, j]
+            needed = law[ARMATURE] * given.acceleration[k, j] + rigid + damping(law, v) * v
+            needed += steady_force(law, q) - _curve_force(curve, j, q, v, given.times[k])
+            produced = drive_force(law, given.commands[k, j], q, v) if given.enabled[k, j] else 0.0
             lost = 0.5 * law[BRAKING] * abs(produced)
             produced *= 1.0 + 0.5 * law[BRAKING]
             forward, backward = dry_friction(law, q, sliding, rigid)
@@ -238,7 +259,7 @@ def missing_forces(laws, curve, times, motion, links, commands, enabled, missing
                 high += share * (forward + backward)
             missing[k, j] = needed - produced
             low, high = min(low, high), max(low, high)  # a gear with η > 1 can outweigh friction
-            friction[k, j] = links[3, k, j] * min(max(produced - needed, low), high)
+            friction[k, j] = given.contact[k, j] * min(max(produced - needed, low), high)
 
 
 class Simulation(NamedTuple):

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, correlate1d, gaussian_filter1d
+from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from omnimj.estimate.replay.interface import (
     MOST_EFFECTS,
@@ -30,7 +30,7 @@ from omnimj.estimate.replay.mjcf.columns import Input, measured_parts, stated_ma
 from omnimj.estimate.replay.mjcf.contacts import free_runs
 from omnimj.estimate.replay.mjcf.delays import shifted
 from omnimj.estimate.replay.mjcf.experiments import added_masses, machine_experiments, moved_log
-from omnimj.estimate.replay.mjcf.filters import same_filter
+from omnimj.estimate.replay.mjcf.filters import add_filtered, same_filter
 from omnimj.estimate.replay.mjcf.kernels import (
     ARMATURE,
     CURVE_HIGH,
@@ -466,16 +466,17 @@ def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands
     Dry friction jumps where the smoothed motion turns; that beside a measured force passes its filter, too.
     """
     found, friction = np.empty(commands.shape), np.empty(commands.shape)
-    columns = np.stack([motion.position, motion.balanced_speed, motion.acceleration])
-    links = np.stack([motion.rigid, motion.speed, motion.limited_speed, np.ones(motion.speed.shape)])
+    links = motion.rigid, motion.speed, motion.limited_speed, np.ones(motion.speed.shape)
     if (play := motion.play) is not None:
         limited = np.where(laws.joints[:, PLAY] > 0.0, play.speed, motion.limited_speed)
-        links = np.stack([motion.rigid + play.force, play.speed, limited, play.contact])
-    numbers = (columns, links, commands, log.enabled, found, friction)
-    kernels.missing_forces(laws.joints, curve, log.times, *numbers)
+        links = motion.rigid + play.force, play.speed, limited, play.contact
+    moved = log.times, motion.position, motion.balanced_speed, motion.acceleration
+    kernels.missing_forces(
+        laws.joints, curve, kernels.Balance(*moved, *links, commands, log.enabled), found, friction
+    )
     for j, width in enumerate(log.filter_widths):
-        weights = same_filter(width) if laws.has_force(j) else np.ones(1)
-        for first, last, _, _ in log.stretches:
-            part = slice(int(first), int(last))
-            found[part, j] += correlate1d(friction[part, j], weights, mode="nearest")
+        if laws.has_force(j):
+            add_filtered(friction, j, log.stretches, same_filter(width), found)
+        else:
+            found[:, j] += friction[:, j]
     return found
