@@ -50,10 +50,14 @@ def local_cubic(values: Array, width: int, order: int, period: float) -> Array:
 def _fit_cubics(values, weights, found):
     """`local_cubic` with the weights of `_cubic_weights`; the first and the last cubic serve for the ends."""
     n, width = len(values), len(weights)
-    half = width // 2
-    for k in range(n):
-        first = min(max(k - half, 0), n - width)
-        found[k] = np.dot(weights[k - first], values[first : first + width])
+    half, inside = width // 2, n - width + 1
+    found[:] = 0.0
+    for i in range(width):
+        for k in range(inside):  # the inner loop, so that it is vectorised
+            found[half + k] += weights[half, i] * values[k + i]
+        for k in range(half):
+            found[k] += weights[k, i] * values[i]
+            found[n - 1 - k] += weights[width - 1 - k, i] * values[n - width + i]
 
 
 @kernel
