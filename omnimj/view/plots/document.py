@@ -21,7 +21,7 @@ _WHEN_READY = """
 if (window.matchMedia("(pointer: coarse)").matches) for (const bar of bars) bar.active_drag = null;
 // on a phone, legends have as many columns as fit beside the value axis
 const room = window.innerWidth - 120, fits = legend =>
-  Math.floor(room / (42 + 7 * Math.max(...legend.items.map(item => item.label.value.length))));
+  Math.floor(room / (36 + 6.5 * Math.max(...legend.items.map(item => item.label.value.length))));
 for (const legend of legends) legend.ncols = Math.max(1, Math.min(legend.ncols, fits(legend)));
 """
 
