@@ -79,6 +79,16 @@ def test_a_copy_in_any_folder_has_the_same_values(tmp_path, name):
     assert repr(copy) == repr(shipped)
 
 
+def test_what_a_reader_does_with_its_tables_does_not_reach_other_readers(tmp_path):
+    path = tmp_path / "tables.toml"
+    path.write_text("[a]\nb = [1, 2]\n", encoding="utf-8")
+    first = read_toml(path)
+    first["a"]["b"].append(3)
+    assert read_toml(path) == {"a": {"b": [1, 2]}}
+    path.write_text("[a]\nb = [4]\n", encoding="utf-8")
+    assert read_toml(path) == {"a": {"b": [4]}}
+
+
 @given(name=NAMES, cut=st.integers(0, 10_000))
 def test_a_truncated_file_is_read_or_refused(folder, name, cut):
     read_or_refused(folder, name, CONTENT[name][: cut % len(CONTENT[name])])

@@ -103,17 +103,17 @@ def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, 
 
 def _rate_limited(demand: Array, period: float) -> Array:
     """Demand with bounded accelerations, shape (k, 3)."""
-    followed = np.zeros_like(demand)
-    now = np.zeros(3)
-    for k in range(1, len(demand)):
-        step = demand[k] - now
-        far = math.hypot(step[0], step[1])
-        if far > ACCELERATION * period:
-            step[:2] *= ACCELERATION * period / far
-        step[2] = min(max(step[2], -YAW_ACCELERATION * period), YAW_ACCELERATION * period)
-        now = now + step
-        followed[k] = now
-    return followed
+    most, most_turn = ACCELERATION * period, YAW_ACCELERATION * period
+    x = y = yaw = 0.0
+    followed = [(x, y, yaw)]
+    for wanted_x, wanted_y, wanted_yaw in demand[1:].tolist():
+        step_x, step_y = wanted_x - x, wanted_y - y
+        far = math.hypot(step_x, step_y)
+        share = most / far if far > most else 1.0
+        turn = min(max(wanted_yaw - yaw, -most_turn), most_turn)
+        x, y, yaw = x + share * step_x, y + share * step_y, yaw + turn
+        followed.append((x, y, yaw))
+    return np.array(followed)
 
 
 def record_robot(
