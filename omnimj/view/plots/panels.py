@@ -117,8 +117,7 @@ class Panel:
             x, y = envelope(x, y, self.bins)
         source = self._source(x)
         name = _add(source, y)
-        style: Any = {"line_color": color, "line_width": width, "line_alpha": alpha}
-        style |= {"line_dash": dashes(dash)}
+        style = {"line_color": color, "line_width": width, "line_alpha": alpha, "line_dash": dashes(dash)}
         if hovered is None:
             self._hovered.append((name, label))
         elif len(hovered):
